@@ -157,7 +157,9 @@ class Artifact(BaseModel):
             raise ArtifactError(
                 f"{path}: not a valid {cls.__name__}, field {field}: {first['msg']}"
             ) from error
-        except (zipfile.BadZipFile, ValueError, EOFError, OSError, TypeError) as error:
+        except ArtifactError:
+            raise
+        except Exception as error:  # whatever zip, zlib, json and numpy make of damaged bytes
             raise ArtifactError(f"{path}: not a readable {cls.__name__}: {error}") from error
 
 

@@ -9,10 +9,13 @@ from scipy.spatial import cKDTree
 def similarity_procrustes(
     source: np.ndarray, target: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Scale s, rotation R (det +1), translation t minimising ``|s X R^T + t - Y|^2`` (Umeyama 1991).
+    """Similarity minimising ``|s X R^T + t - Y|^2`` with det R = +1 (Umeyama 1991).
 
     Args:
         source: (N, 3) points X. target: (N, 3) corresponding points Y, same unit.
+
+    Returns:
+        scale s, rotation R (3, 3), translation t (3,).
 
     Raises:
         ValueError: shapes differ, fewer than three points, or all source points coincide.

@@ -26,7 +26,7 @@ def axis_angle_to_matrix(axis_angle: Tensor) -> Tensor:
 
 
 def matrix_to_axis_angle(matrix: Tensor) -> Tensor:
-    """(..., 3, 3) rotations -> (..., 3) rotation vectors with angle in [0, pi]. Not for gradients."""
+    """(..., 3, 3) rotations -> (..., 3) rotation vectors, angle in [0, pi]. No gradient."""
     from scipy.spatial.transform import Rotation
 
     flat = matrix.detach().reshape(-1, 3, 3).double().cpu().numpy()
