@@ -15,7 +15,7 @@ import io
 import json
 import zipfile
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
@@ -307,10 +307,17 @@ class Action(Artifact):
 
 
 class Contact(Record):
-    """One row of the interaction map I: an object part that a body part touches."""
+    """One row of the interaction map I: an object part that a body part touches.
+
+    `side` is what the answer said of a paired body part, which `body_part` alone cannot: "hands"
+    becomes one row for left_hand and one for right_hand, and `side` keeps whether both touch
+    (`both`), one of them (`either`), this one by name (`left`, `right`), or the answer did not say
+    (empty).
+    """
 
     object_part: str  # label of the exemplar library, e.g. chair_seat
     body_part: str  # region of the body model, e.g. butt, left_hand
+    side: Literal["", "left", "right", "both", "either"] = ""
     probability: float = 1.0
     source: str = ""
 
