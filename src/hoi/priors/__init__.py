@@ -1,0 +1,1 @@
+"""Commonsense priors: how large an object is and where people touch it [paper 3.3]."""
