@@ -1,0 +1,130 @@
+"""Silhouettes of posed meshes: loss with gradient, score, and image."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from hoi.rendering import kernels
+from hoi.rendering.target import SilhouetteTarget
+from hoi.rendering.topology import MeshTopology
+
+
+def silhouette_loss(
+    xy: Tensor,
+    topology: MeshTopology,
+    target: SilhouetteTarget,
+    mask_weight: float = 1.0,
+    edge_weight: float = 0.0,
+) -> tuple[Tensor, Tensor]:
+    """Compare B projected meshes with one mask; differentiable in every vertex.
+
+    ``mask_weight * sum_p keep (S - M)^2 + edge_weight * sum_q keep D_q`` where S is the
+    anti-aliased silhouette, q runs over the pixel pairs that its outline separates and D_q is the
+    target's `edge_distance` where the outline passes between them (rendered outline to mask
+    outline, one way, as PHOSA's edge term). The gradient of D_q moves the outline; it does not
+    count that a longer outline has more pairs.
+
+    Args:
+        xy: (B, V, 2) image coordinates in pixels of the target's grid. A face with a corner that
+            is not finite, or more than a million pixels away, is left out.
+        topology: faces and edges of the mesh, V vertices.
+        target: the mask and the pixels that count.
+        mask_weight: per pixel.
+        edge_weight: per pixel of outline and square root of pixel of distance.
+
+    Returns:
+        loss (B,) float32 with gradient to `xy`; soft intersection over union (B,), no gradient.
+
+    Raises:
+        ValueError: `xy` has not the shape (B, V, 2).
+    """
+    _check(xy, topology)
+    return _SilhouetteLoss.apply(xy, topology, target, mask_weight, edge_weight)
+
+
+def silhouette_iou(xy: Tensor, topology: MeshTopology, target: SilhouetteTarget) -> Tensor:
+    """Intersection over union (B,) of hard silhouettes with the mask where `keep` says so.
+
+    About half the cost of the loss, for ranking many poses. `xy` as in :func:`silhouette_loss`.
+    """
+    _check(xy, topology)
+    points = _as_numpy(xy)
+    intersection = np.empty(len(points), np.float32)
+    area = np.empty(len(points), np.float32)
+    kernels.overlap(points, *_tables(topology), target.prefix, intersection, area)
+    return torch.from_numpy(_iou(intersection, area, target)).to(xy.device)
+
+
+def render_silhouette(
+    xy: Tensor, topology: MeshTopology, height: int, width: int, antialias: bool = True
+) -> Tensor:
+    """Silhouette images (B, H, W) in [0, 1]; differentiable unless `antialias` is off.
+
+    Without anti-aliasing a pixel is one where a face covers its centre. `xy` as in
+    :func:`silhouette_loss`.
+    """
+    _check(xy, topology)
+    return _SilhouetteImage.apply(xy, topology, height, width, antialias)
+
+
+class _SilhouetteLoss(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, xy, topology, target, mask_weight, edge_weight):
+        points = _as_numpy(xy)
+        loss = np.empty(len(points), np.float32)
+        intersection = np.empty(len(points), np.float32)
+        area = np.empty(len(points), np.float32)
+        grad = np.zeros_like(points)
+        kernels.loss_and_gradient(
+            points, *_tables(topology), target.mask, target.keep, target.edge_distance,
+            target.prefix, np.float32(target.base_loss), np.float32(mask_weight),
+            np.float32(edge_weight), loss, intersection, area, grad,
+        )  # fmt: skip
+        ctx.grad = torch.from_numpy(grad).to(xy)
+        iou = torch.from_numpy(_iou(intersection, area, target)).to(xy.device)
+        ctx.mark_non_differentiable(iou)
+        return torch.from_numpy(loss).to(xy), iou
+
+    @staticmethod
+    def backward(ctx, *grads):
+        return (ctx.grad * grads[0][:, None, None], None, None, None, None)
+
+
+class _SilhouetteImage(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, xy, topology, height, width, antialias):
+        points = _as_numpy(xy)
+        image = np.empty((len(points), height, width), np.float32)
+        kernels.render_images(points, *_tables(topology), bool(antialias), image)
+        ctx.points, ctx.topology, ctx.antialias = points, topology, antialias
+        return torch.from_numpy(image).to(xy)
+
+    @staticmethod
+    def backward(ctx, *grads):
+        grad = np.zeros_like(ctx.points)
+        if ctx.antialias:
+            image_grad = _as_numpy(grads[0])
+            kernels.image_gradient(ctx.points, *_tables(ctx.topology), image_grad, grad)
+        return (torch.from_numpy(grad).to(grads[0]), None, None, None, None)
+
+
+def _check(xy: Tensor, topology: MeshTopology) -> None:
+    if xy.ndim != 3 or xy.shape[1:] != (topology.num_vertices, 2):
+        raise ValueError(
+            f"xy has shape {tuple(xy.shape)}, expected (B, {topology.num_vertices}, 2)"
+        )
+
+
+def _as_numpy(values: Tensor) -> np.ndarray:
+    return values.detach().to("cpu", torch.float32).contiguous().numpy()
+
+
+def _tables(topology: MeshTopology) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return topology.faces, topology.edges, topology.edge_faces
+
+
+def _iou(intersection: np.ndarray, area: np.ndarray, target: SilhouetteTarget) -> np.ndarray:
+    union = np.float32(target.area) + area - intersection
+    return np.clip(intersection / np.maximum(union, np.float32(1e-6)), 0, 1)
