@@ -188,8 +188,8 @@ class Frame(Artifact):
 
     required_when_ok = ("image", "intrinsics")
 
-    dataset: str
-    category: str  # chair, table, keyboard, backpack, ...: the object's row group in the tables
+    dataset: str = ""
+    category: str = ""  # chair, table, keyboard, backpack, ...: the object's row group in the tables
     object_name: str = ""  # the data set's own name, e.g. chairblack
     action: str = ""  # the data set's action group, e.g. sit; only evaluation may look at it
     source: str = ""  # file name of the photo
@@ -385,4 +385,3 @@ class Evaluation(Artifact):
     protocol: str = ""
     human_cm: float | None = None
     object_cm: float | None = None
-    silhouette_iou: float | None = None

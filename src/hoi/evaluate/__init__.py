@@ -1,0 +1,1 @@
+"""Section 4.2: align the body, carry the object along, measure both by Chamfer distance."""

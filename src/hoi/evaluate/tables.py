@@ -1,0 +1,116 @@
+"""Collect evaluations into the tidy result tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import pandas as pd
+
+from hoi.artifacts import Evaluation
+
+COLUMNS = (
+    "dataset", "protocol", "masks", "category", "action", "method", "n", "n_failed",
+    "human_mean_cm", "human_std_cm", "human_median_cm",
+    "object_mean_cm", "object_std_cm", "object_median_cm",
+    "object_failure_rate", "seconds_per_frame",
+)  # fmt: skip
+# the paper's order of rows; actions it does not know follow alphabetically
+ACTION_ORDER = (
+    "hand", "lift", "liftreal", "move", "sit", "sitstand", "type", "back", "hug", "ground", "mix",
+)  # fmt: skip
+
+
+def evaluation_frame(
+    evaluations: Iterable[Evaluation], frames: dict[str, dict], seconds: dict[str, float]
+) -> pd.DataFrame:
+    """One row per frame.
+
+    Args:
+        evaluations: of one method.
+        frames: frame id -> dataset, category, object_name, action, method: known also for frames
+            that failed, so that no failure is lost.
+        seconds: frame id -> seconds of all stages together.
+    """
+    rows = [
+        {
+            **frames[evaluation.frame_id],
+            "frame_id": evaluation.frame_id,
+            "status": evaluation.status,
+            "failed_stage": evaluation.failed_stage,
+            "detail": evaluation.detail,
+            "used_action": evaluation.used_action,
+            "protocol": evaluation.protocol,
+            "human_cm": evaluation.human_cm,
+            "object_cm": evaluation.object_cm,
+            "seconds": seconds.get(evaluation.frame_id, np.nan),
+        }
+        for evaluation in evaluations
+    ]
+    return pd.DataFrame(rows)
+
+
+def summarise(
+    frames: pd.DataFrame, category: str, methods: Sequence[str], masks: str, failure_cm: float
+) -> pd.DataFrame:
+    """The tidy table: one row per action and method, then action ``avg`` per method.
+
+    ``avg`` is the unweighted mean over the actions of every column, standard deviations included,
+    as in the paper; its counts are sums. ``n`` counts frames with a result, ``n_failed`` frames
+    with a status instead; ``object_failure_rate`` is the share of the n beyond `failure_cm`.
+    Standard deviations are those of the population.
+    """
+    rows = []
+    for method in methods:
+        of_method = frames[frames["method"] == method]
+        per_action = [
+            _row(rows_of_action, category, action, method, masks, failure_cm)
+            for action, rows_of_action in sorted(of_method.groupby("action"), key=_by_rank)
+        ]
+        rows.extend(per_action)
+        if per_action:
+            rows.append(_average(per_action))
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def _by_rank(group: tuple) -> tuple[int, str]:
+    action = str(group[0])
+    known = action in ACTION_ORDER
+    return (ACTION_ORDER.index(action) if known else len(ACTION_ORDER), action)
+
+
+def _row(
+    frames: pd.DataFrame, category: str, action: str, method: str, masks: str, failure_cm: float
+) -> dict:
+    done = frames[frames["status"] == "ok"]
+    human, thing = done["human_cm"].astype(float), done["object_cm"].astype(float)
+    protocols = sorted(set(done["protocol"]) - {""})
+    return {
+        "dataset": " ".join(sorted(set(frames["dataset"]))),
+        "protocol": " / ".join(protocols),
+        "masks": masks,
+        "category": category,
+        "action": action,
+        "method": method,
+        "n": len(done),
+        "n_failed": len(frames) - len(done),
+        "human_mean_cm": human.mean(),
+        "human_std_cm": human.std(ddof=0),
+        "human_median_cm": human.median(),
+        "object_mean_cm": thing.mean(),
+        "object_std_cm": thing.std(ddof=0),
+        "object_median_cm": thing.median(),
+        "object_failure_rate": (thing > failure_cm).mean() if len(done) else np.nan,
+        "seconds_per_frame": frames["seconds"].astype(float).mean(),
+    }
+
+
+def _average(rows: list[dict]) -> dict:
+    average = dict(rows[0], action="avg")
+    average["protocol"] = next((row["protocol"] for row in rows if row["protocol"]), "")
+    for column in ("n", "n_failed"):
+        average[column] = sum(row[column] for row in rows)
+    for column in COLUMNS[COLUMNS.index("human_mean_cm") :]:
+        values = np.array([row[column] for row in rows], dtype=float)
+        average[column] = np.nanmean(values) if np.isfinite(values).any() else np.nan
+    return average
