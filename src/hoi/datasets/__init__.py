@@ -1,0 +1,1 @@
+"""Data sets: BEHAVE (real or generated, one reader) and folders of photos."""
