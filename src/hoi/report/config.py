@@ -1,0 +1,48 @@
+"""Settings of everything that is drawn. None of them changes a number in a table."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from hoi.settings import Settings
+
+Colour = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")]
+
+
+class ReportConfig(Settings):
+    """Sizes, limits and colours of the report. Colours are sRGB hex codes, ``#rrggbb``."""
+
+    image_width: int = Field(560, ge=64, description="width of a picture on a frame page, pixels")
+    tile_width: int = Field(220, ge=32, description="width of one exemplar picture, pixels")
+    thumbnail_width: int = Field(240, ge=32, description="width of a card's picture, pixels")
+    jpeg_quality: int = Field(82, ge=1, le=95)
+    supersampling: int = Field(2, ge=1, le=4, description="rays a pixel side, against jaggies")
+
+    max_frames: int = Field(24, ge=1, description="frame pages that go into the report")
+    max_cards: int = Field(2000, ge=1, description="cards in the gallery; the rest is counted")
+    max_exemplars: int = Field(5, ge=1, description="exemplar pictures a method (Section 3.1: 5)")
+    max_candidates: int = Field(12, ge=1, description="detector boxes listed on a page")
+
+    crop_margin: float = Field(
+        0.25, ge=0, description="margin about person and object, of its side"
+    )
+    overlay_opacity: float = Field(0.82, gt=0, le=1, description="of meshes drawn over the photo")
+    keypoint_confidence: float = Field(0.3, ge=0, le=1, description="weaker keypoints are hollow")
+    view_span_m: float = Field(2.4, gt=0, description="least width of side and top views, metres")
+    max_view_span_m: float = Field(12.0, gt=0, description="an object farther off is cut, metres")
+    view_grid_m: float = Field(0.5, gt=0, description="grid spacing of side and top views, metres")
+
+    contact_near_m: float = Field(0.02, gt=0, description="full contact colour up to here, metres")
+    contact_far_m: float = Field(0.10, gt=0, description="body's own colour from here on, metres")
+    ground_size_m: float = Field(3.0, gt=0, description="side of the ground square, metres")
+    scene_precision_m: float = Field(
+        1 / 4096, gt=0, description="vertex grid of scenes embedded in pages (exports are exact)"
+    )
+
+    body_colour: Colour = "#8fb0d6"
+    object_colour: Colour = "#e0a050"
+    contact_colour: Colour = "#c4262e"
+    ground_colour: Colour = "#d9d7d2"
+    person_line_colour: Colour = "#3f7fd0"
+    object_line_colour: Colour = "#f08a1d"
+    keypoint_colour: Colour = "#18b07a"
