@@ -79,7 +79,7 @@ def derive_surface_regressor(
     """Where nose, eyes, ears, toes and heels lie on a template that does not say so itself.
 
     Read from the shape alone, for SMPL files: the nose is the foremost point of the head on the
-    sagittal plane, the eyes lie 3.5 cm above and 3.2 cm beside it on the front of the head, the
+    sagittal plane, the eyes lie 4.5 cm above and 3 cm beside it on the front of the head, the
     ears are the points of the head that stand out most sideways at that height, the big toe is
     the foremost point on the inner half of the foot and the heel its rearmost point. Lengths
     scale with stature.
@@ -105,7 +105,7 @@ def derive_surface_regressor(
     level = head[np.abs(y[head] - nose[1] - 0.015 * scale) < 0.035 * scale]
     front = head[z[head] > joints[JOINT["head"], 2]]
     for side, sign in (("left", 1.0), ("right", -1.0)):
-        eye = nose + scale * np.array([sign * 0.032, 0.035, -0.02])
+        eye = nose + scale * np.array([sign * 0.03, 0.045, -0.02])
         targets[f"{side}_eye"] = vertices[front[_nearest(vertices[front, :2], eye[:2], 1)[0]]]
         targets[f"{side}_ear"] = foremost(level, sign * x)
         ankle = joints[JOINT[f"{side}_ankle"]]

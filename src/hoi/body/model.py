@@ -56,6 +56,10 @@ class BodyModel(torch.nn.Module):
     joint_names: tuple[str, ...] = JOINT_NAMES
     parents: tuple[int, ...] = PARENTS
 
+    _joint_template: Tensor
+    _joint_dirs: Tensor
+    _keypoint_rows: Tensor
+
     def __init__(self, data: BodyFile, num_betas: int = 10, dtype: torch.dtype = torch.float32):
         super().__init__()
         self.faces: np.ndarray = data.faces
