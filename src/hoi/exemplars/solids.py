@@ -5,6 +5,7 @@ Every function returns a `manifold3d.Manifold`, so that any union of them is wat
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -40,7 +41,7 @@ def tube(path: Sequence[Point], radius: float, sides: int = 8, closed: bool = Fa
     if closed:
         points.append(points[0])
     bends = points[:-1] if closed else points[1:-1]
-    bars = [rod(a, b, radius, sides=sides) for a, b in zip(points[:-1], points[1:], strict=True)]
+    bars = [rod(a, b, radius, sides=sides) for a, b in itertools.pairwise(points)]
     return union([*bars, *(ball(radius, p, sides) for p in bends)])
 
 
