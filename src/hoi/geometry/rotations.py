@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import torch
 from torch import Tensor
 
@@ -71,17 +69,18 @@ def upright_rotations(
     generator: torch.Generator,
     pitch_deg: tuple[float, float] = (-3.0, 26.0),
     roll_deg: tuple[float, float] = (-8.0, 8.0),
+    yaw_deg: tuple[float, float] = (0.0, 360.0),
 ) -> Tensor:
     """Camera-from-object rotations of objects that stand upright in front of a camera.
 
-    The object's y points up in the image, its yaw is uniform over the full turn; `pitch_deg` is how
-    far the camera looks down, `roll_deg` its roll. Starts for a search, not a constraint.
+    The object's y points up in the image, its yaw is uniform over `yaw_deg`; `pitch_deg` is how far
+    the camera looks down, `roll_deg` its roll. Starts for a search, not a constraint.
 
     Returns:
         (count, 3, 3), taking canonical objects (y up) to OpenCV axes (y down).
     """
     uniform = torch.rand(count, 3, generator=generator)
-    yaw = uniform[:, 0] * 2 * math.pi
+    yaw = torch.deg2rad(yaw_deg[0] + uniform[:, 0] * (yaw_deg[1] - yaw_deg[0]))
     pitch = torch.deg2rad(pitch_deg[0] + uniform[:, 1] * (pitch_deg[1] - pitch_deg[0]))
     roll = torch.deg2rad(roll_deg[0] + uniform[:, 2] * (roll_deg[1] - roll_deg[0]))
     zero = torch.zeros(count)
