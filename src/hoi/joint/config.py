@@ -78,7 +78,7 @@ class Phosa(Settings):
 
 
 class JointConfig(Settings):
-    """Configuration of the joint stage; `hoi.joint.presets` has one set per method of the tables."""
+    """Configuration of the joint stage; `hoi.joint.presets` has one set per method."""
 
     method: str = Field("ours", description="name of the method in the tables")
     action: Literal["retrieved", "default"] = Field(

@@ -1,0 +1,222 @@
+"""What the PHOSA baseline (Zhang et al., ECCV 2020) needs besides its loss terms.
+
+PHOSA fixes by hand, per object category, which body parts touch which object parts, whatever the
+person does. Its published categories do not include ours, so these rules are this project's: the
+contact of the category's typical use. It is given the calibrated camera, the size prior and the
+exemplars of the other methods, so that only the method differs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numba
+import numpy as np
+import torch
+from torch import Tensor
+
+from hoi.artifacts import BodyFit, Detection, Frame, Prior
+from hoi.joint.config import JointConfig
+from hoi.rendering import Roi, crop_mask, depth_map, intrinsics_for
+
+if TYPE_CHECKING:
+    from hoi.joint.problem import BodyRegions
+
+_SEAT = (("chair_seat", ("butt",)), ("chair_back", ("back",)))
+_BY_HAND = (("left_hand",), ("right_hand",))
+
+#: Category -> (object part, body regions whose vertices make one centroid).
+PART_PAIRS: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
+    "chair": _SEAT,
+    "couch": _SEAT,
+    "stool": _SEAT[:1],
+    "table": tuple(("tabletop", hand) for hand in _BY_HAND),
+    "desk": tuple(("tabletop", hand) for hand in _BY_HAND),
+    "keyboard": tuple(("key", hand) for hand in _BY_HAND),
+    "backpack": (("bag_body", ("back",)),),
+    "suitcase": tuple(("handle", hand) for hand in _BY_HAND),
+}
+
+
+@dataclass(frozen=True)
+class PhosaPart:
+    """One hand-made part pair: the object part and the body part at scale 1."""
+
+    object_part: str
+    centroid: Tensor  # (3,) metres
+    box: Tensor  # (4,) x0, y0, x1, y1 pixels of the photo
+    depth: Tensor  # (2,) nearest, farthest, metres
+
+
+@dataclass(frozen=True)
+class PhosaScene:
+    """Constants of the baseline for one frame.
+
+    Attributes:
+        whole: the whole body as a part; parts: the category's part pairs.
+        intrinsics: (3, 3) of the photo. ordinal: constants of the ordinal depth term.
+        expansion, depth_gap: of the interaction gate.
+    """
+
+    whole: PhosaPart
+    parts: tuple[PhosaPart, ...]
+    intrinsics: np.ndarray
+    ordinal: OrdinalScene
+    expansion: float
+    depth_gap: float
+
+
+@dataclass(frozen=True)
+class OrdinalScene:
+    """Who is in front where, by the masks, and where the body's surface is.
+
+    Attributes:
+        intrinsics: (3, 3) of the region at the resolution of the maps, all (H, W).
+        body_depth: depth of the body at scale 1, infinity where it is not. It scales with s_h,
+            because scaling about the camera centre moves no pixel.
+        object_front, body_front: what the masks show.
+        pixel_weight: how many pixels of PHOSA's image one pixel of the maps stands for.
+        clamp: metres.
+    """
+
+    intrinsics: np.ndarray
+    body_depth: Tensor
+    object_front: Tensor
+    body_front: Tensor
+    pixel_weight: float
+    clamp: float
+
+
+def phosa_scene(
+    config: JointConfig,
+    frame: Frame,
+    detection: Detection,
+    body: BodyFit,
+    prior: Prior,
+    regions: BodyRegions,
+    roi: Roi,
+) -> PhosaScene | None:
+    """The baseline's constants; None when the method lists none of its terms."""
+    if not any(name.startswith("phosa_") for name in config.terms):
+        return None
+    settings, intrinsics = config.phosa, frame.intrinsics
+
+    def part(object_part: str, points: np.ndarray) -> PhosaPart:
+        pixels = points[:, :2] / points[:, 2:] * intrinsics[[0, 1], [0, 1]] + intrinsics[:2, 2]
+        return PhosaPart(
+            object_part,
+            torch.from_numpy(points.mean(0)).float(),
+            torch.from_numpy(np.concatenate([pixels.min(0), pixels.max(0)])).float(),
+            torch.tensor([float(points[:, 2].min()), float(points[:, 2].max())]),
+        )
+
+    pairs = PART_PAIRS.get(prior.category or frame.category, ())
+    resolution = settings.depth_resolution
+    roi_intrinsics = intrinsics_for(roi, intrinsics, resolution)
+    depth = depth_map(body.vertices, regions.faces, roi_intrinsics, resolution, resolution)
+    thing = crop_mask(detection.object_mask, roi, resolution) > 0.5
+    person = crop_mask(detection.person_mask, roi, resolution) > 0.5
+    cell = roi.side / resolution * settings.image_size / max(frame.image.shape[:2])
+    return PhosaScene(
+        whole=part("", body.vertices),
+        parts=tuple(
+            part(object_part, body.vertices[_union(regions, names)]) for object_part, names in pairs
+        ),
+        intrinsics=intrinsics,
+        ordinal=OrdinalScene(
+            intrinsics=roi_intrinsics,
+            body_depth=torch.from_numpy(depth),
+            object_front=torch.from_numpy(thing & ~person),
+            body_front=torch.from_numpy(person & ~thing),
+            pixel_weight=cell**2,
+            clamp=settings.depth_clamp,
+        ),
+        expansion=settings.box_expansion,
+        depth_gap=settings.depth_gap,
+    )
+
+
+def _union(regions: BodyRegions, names: tuple[str, ...]) -> np.ndarray:
+    return np.unique(np.concatenate([regions.vertices[name] for name in names]))
+
+
+def behind_by(
+    vertices: Tensor, faces: np.ndarray, human_scale: Tensor, scene: OrdinalScene
+) -> Tensor:
+    """How far the model violates the masks' occlusion order, at every pixel where it does.
+
+    Which face is seen at a pixel is taken as fixed; its depth is differentiated exactly, as that of
+    its plane along the pixel's ray.
+
+    Args:
+        vertices: (V, 3) placed object, camera frame. faces: (F, 3). human_scale: () of the body.
+
+    Returns:
+        (N,) positive metres, N the number of violating pixels.
+    """
+    height, width = scene.body_depth.shape
+    seen, depth = visible_faces(vertices.detach().numpy(), faces, scene.intrinsics, height, width)
+    object_depth = torch.from_numpy(depth)
+    body_depth = scene.body_depth * human_scale.detach()
+    both = torch.isfinite(object_depth) & torch.isfinite(body_depth)
+    object_wrong = both & scene.object_front & (body_depth < object_depth)
+    body_wrong = both & scene.body_front & (object_depth < body_depth)
+    rows, columns = torch.nonzero(object_wrong | body_wrong, as_tuple=True)
+    corners = vertices[torch.from_numpy(faces[seen[rows.numpy(), columns.numpy()]])]  # (N, 3, 3)
+    ray = _rays(rows, columns, scene.intrinsics).to(vertices)
+    normal = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    along = (normal * corners[:, 0]).sum(-1) / (normal * ray).sum(-1)
+    difference = along - scene.body_depth[rows, columns] * human_scale
+    return torch.where(object_wrong[rows, columns], difference, -difference)
+
+
+def _rays(rows: Tensor, columns: Tensor, intrinsics: np.ndarray) -> Tensor:
+    """Directions (N, 3) with z = 1 through pixel centres."""
+    x = (columns + 0.5 - intrinsics[0, 2]) / intrinsics[0, 0]
+    y = (rows + 0.5 - intrinsics[1, 2]) / intrinsics[1, 1]
+    return torch.stack([x, y, torch.ones_like(x)], -1)
+
+
+def visible_faces(
+    vertices: np.ndarray, faces: np.ndarray, intrinsics: np.ndarray, height: int, width: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The nearest face at each pixel centre: index (H, W), -1 for none, and its depth (H, W).
+
+    Faces that reach behind the camera are left out.
+    """
+    index = np.full((height, width), -1, np.int64)
+    depth = np.full((height, width), np.inf, np.float32)
+    z = np.ascontiguousarray(vertices[:, 2], np.float64)
+    safe = np.where(z > 1e-2, z, np.nan)
+    x = vertices[:, 0] / safe * intrinsics[0, 0] + intrinsics[0, 2]
+    y = vertices[:, 1] / safe * intrinsics[1, 1] + intrinsics[1, 2]
+    _face_buffer(x.astype(np.float64), y.astype(np.float64), safe, faces, index, depth)
+    return index, depth
+
+
+@numba.njit(cache=True, nogil=True)
+def _face_buffer(x, y, z, faces, index, depth):
+    height, width = depth.shape
+    for f in range(faces.shape[0]):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        area = (x[b] - x[a]) * (y[c] - y[a]) - (x[c] - x[a]) * (y[b] - y[a])
+        if not abs(area) > 1e-12:  # also leaves out NaN
+            continue
+        first_row = max(int(np.ceil(min(y[a], y[b], y[c]) - 0.5)), 0)
+        last_row = min(int(np.floor(max(y[a], y[b], y[c]) - 0.5)), height - 1)
+        first_column = max(int(np.ceil(min(x[a], x[b], x[c]) - 0.5)), 0)
+        last_column = min(int(np.floor(max(x[a], x[b], x[c]) - 0.5)), width - 1)
+        for row in range(first_row, last_row + 1):
+            v = row + 0.5
+            for column in range(first_column, last_column + 1):
+                u = column + 0.5
+                wb = ((u - x[a]) * (y[c] - y[a]) - (x[c] - x[a]) * (v - y[a])) / area
+                wc = ((x[b] - x[a]) * (v - y[a]) - (u - x[a]) * (y[b] - y[a])) / area
+                wa = 1.0 - wb - wc
+                if wa < 0 or wb < 0 or wc < 0:
+                    continue
+                here = np.float32(1.0 / (wa / z[a] + wb / z[b] + wc / z[c]))
+                if here < depth[row, column]:
+                    depth[row, column] = here
+                    index[row, column] = f

@@ -1,0 +1,333 @@
+"""What stays constant while one frame's hypotheses are optimised, gathered once from artifacts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from hoi.artifacts import BodyFit, Detection, Frame, Interaction, ObjectFit, Prior
+from hoi.errors import FrameFailure
+from hoi.exemplars import Exemplar, sample_parts
+from hoi.geometry import matrix_to_rotation_6d
+from hoi.joint.config import JointConfig
+from hoi.joint.contacts import paper_pairs, recipe_pairs, usable_contacts
+from hoi.joint.correspondence import PairTable, pair_table
+from hoi.joint.phosa import PhosaScene, phosa_scene
+from hoi.joint.signed_distance import SignedDistanceGrid, body_signed_distance
+from hoi.rendering import MeshTopology, Roi, SilhouetteTarget, crop_mask, intrinsics_for
+
+
+@dataclass(frozen=True)
+class ObjectGeometry:
+    """The exemplars of K hypotheses, padded to one batch, at library size (metres).
+
+    Attributes:
+        vertices: (K, V, 3); rows beyond an exemplar's own repeat its first vertex.
+        groups: (topology, hypotheses, own vertices) for every exemplar in play.
+        part_points, part_normals: (K, O, 3) area-uniform samples of all parts.
+        part_present: (K, O) False where the exemplar lacks the part.
+        part_slices: part name -> its rows in `part_points`.
+        surface_points: (K, M, 3) area-uniform samples of the whole surface.
+        extent: (K,) what the size prior measures.
+    """
+
+    exemplars: list[Exemplar]
+    vertices: Tensor
+    groups: list[tuple[MeshTopology, Tensor, int]]
+    part_points: Tensor
+    part_normals: Tensor
+    part_present: Tensor
+    part_slices: dict[str, np.ndarray]
+    surface_points: Tensor
+    extent: Tensor
+
+
+@dataclass(frozen=True)
+class BodyGeometry:
+    """The fitted body at scale 1, camera frame, metres: samples of its regions, soles, field.
+
+    `points`, `normals` (B, 3); `slices`: region -> rows. `soles` (S, 3) vertices of both feet.
+    """
+
+    vertices: Tensor
+    points: Tensor
+    normals: Tensor
+    slices: dict[str, np.ndarray]
+    soles: Tensor
+    field: SignedDistanceGrid | None
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Everything the loss terms of one frame look at, and where the optimisation starts.
+
+    Attributes:
+        start: (K, 11) rotation (6D), translation at library size (m), log scale, log human scale.
+        intrinsics: (3, 3) of the region of interest at the silhouette resolution.
+        pixel_weight: what one pixel of that grid counts at the weights' resolution.
+        stands_on_floor: whether the ground term applies.
+        skipped: one sentence for each contact that could not be used.
+    """
+
+    start: Tensor
+    object: ObjectGeometry
+    body: BodyGeometry
+    contacts: PairTable
+    only_opposing: bool
+    opposing_first: bool
+    size: float
+    human_scale_free: bool
+    intrinsics: Tensor
+    target: SilhouetteTarget
+    edge_weight: float
+    pixel_weight: float
+    roi: Roi
+    stands_on_floor: bool
+    up: Tensor
+    penetration_points: int
+    phosa: PhosaScene | None
+    skipped: tuple[str, ...]
+
+    @property
+    def num_hypotheses(self) -> int:
+        return len(self.start)
+
+
+class BodyRegions:
+    """Faces of every body region, from the model's vertex regions; built once per body model."""
+
+    def __init__(self, faces: np.ndarray, part_vertices: dict[str, np.ndarray], num_vertices: int):
+        self.faces = faces
+        self.vertices = part_vertices
+        self.part_faces: dict[str, np.ndarray] = {}
+        for name, indices in part_vertices.items():
+            inside = np.zeros(num_vertices, bool)
+            inside[indices] = True
+            whole = inside[faces].all(1)
+            if whole.any():
+                self.part_faces[name] = faces[whole]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self.part_faces)
+
+    def sample(
+        self, vertices: np.ndarray, region: str, count: int, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Area-uniform points and unit normals (count, 3) of one region of a posed body."""
+        return _sample_triangles(vertices[self.part_faces[region]], count, rng)
+
+
+def choose_hypotheses(objects: ObjectFit, most: int, poses_per_exemplar: int) -> list[int]:
+    """Indices of the best poses, at most so many of one exemplar, in their order of rank."""
+    taken: dict[str, int] = {}
+    chosen = []
+    for index, name in enumerate(objects.exemplars or []):
+        if taken.get(name, 0) < poses_per_exemplar and len(chosen) < most:
+            taken[name] = taken.get(name, 0) + 1
+            chosen.append(index)
+    if not chosen:
+        raise FrameFailure("no_object_pose", "the object fit holds no pose to start from")
+    return chosen
+
+
+def build_problem(
+    config: JointConfig,
+    frame: Frame,
+    detection: Detection,
+    body: BodyFit,
+    objects: ObjectFit,
+    prior: Prior,
+    interaction: Interaction,
+    library: Sequence[Exemplar],
+    regions: BodyRegions,
+    seed: int,
+) -> Problem:
+    """Gather one frame. Raises FrameFailure when the frame gives nothing to optimise."""
+    rng = np.random.default_rng(seed)
+    chosen = choose_hypotheses(objects, config.max_hypotheses, config.poses_per_exemplar)
+    exemplars = _exemplars([objects.exemplars[i] for i in chosen], library, objects.category)
+    geometry = _object_geometry(exemplars, config, prior.size_axis, seed)
+    contacts, skipped = usable_contacts(interaction.contacts, geometry.part_slices, regions.names)
+    pairs = (
+        paper_pairs(contacts)
+        if config.contact == "paper"
+        else recipe_pairs(contacts, config.contact_rule)
+    )
+    used_regions = {name for pair in pairs for name in pair.body_parts}
+    if "contact" not in config.terms and "normal" not in config.terms:
+        pairs, used_regions = [], set()
+    body_geometry = _body_geometry(body, regions, sorted(used_regions), config, rng)
+    roi = _roi(objects, detection, config.roi_margin)
+    return Problem(
+        start=_start(objects, chosen, geometry.extent, float(prior.size_m)),
+        object=geometry,
+        body=body_geometry,
+        contacts=pair_table(pairs, geometry.part_slices, body_geometry.slices),
+        only_opposing=config.opposing_normals,
+        opposing_first=config.contact == "recipe",
+        size=float(prior.size_m),
+        human_scale_free=config.human_scale == "free",
+        intrinsics=torch.from_numpy(
+            intrinsics_for(roi, frame.intrinsics, config.silhouette_resolution)
+        ),
+        target=_target(detection, roi, config.silhouette_resolution),
+        edge_weight=config.edge_weight,
+        pixel_weight=(config.weights_resolution / config.silhouette_resolution) ** 2,
+        roi=roi,
+        stands_on_floor=interaction.stands_on_floor,
+        up=torch.tensor([0.0, -1.0, 0.0]),
+        penetration_points=config.paper_points,
+        phosa=phosa_scene(config, frame, detection, body, prior, regions, roi),
+        skipped=tuple(skipped + _missing_parts(pairs, geometry)),
+    )
+
+
+def _start(objects: ObjectFit, chosen: list[int], extent: Tensor, size: float) -> Tensor:
+    """Poses of the object fit, scaled about the camera centre to the prior's size."""
+    rotations = torch.from_numpy(objects.rotations[chosen]).float()
+    translations = torch.from_numpy(objects.translations[chosen]).float()
+    log_scale = torch.log(size / extent)[:, None]
+    parts = [matrix_to_rotation_6d(rotations), translations, log_scale, torch.zeros_like(log_scale)]
+    return torch.cat(parts, 1)
+
+
+def _exemplars(names: list[str], library: Sequence[Exemplar], category: str) -> list[Exemplar]:
+    by_name = {exemplar.name: exemplar for exemplar in library}
+    unknown = sorted(set(names) - set(by_name))
+    if unknown:
+        raise FrameFailure(
+            "unknown_exemplar",
+            f"the object fit used {', '.join(unknown)}, not in the {category} library",
+        )
+    return [by_name[name] for name in names]
+
+
+def _object_geometry(
+    exemplars: list[Exemplar], config: JointConfig, size_axis: str, seed: int
+) -> ObjectGeometry:
+    unique = list({exemplar.name: exemplar for exemplar in exemplars}.values())
+    samples = {e.name: sample_parts(e, config.part_points, seed) for e in unique}
+    parts = list(dict.fromkeys(part for e in unique for part in samples[e.name]))
+    count = config.part_points
+    nothing = np.zeros((count, 3), np.float32)
+
+    def stacked(field: str) -> Tensor:
+        rows = [
+            np.concatenate(
+                [
+                    getattr(samples[e.name][part], field) if part in samples[e.name] else nothing
+                    for part in parts
+                ]
+            )
+            for e in exemplars
+        ]
+        return torch.from_numpy(np.stack(rows))
+
+    present = np.array([[part in samples[e.name] for part in parts] for e in exemplars])
+    surface = {e.name: _surface(e, config.surface_points, seed) for e in unique}
+    most = max(len(e.vertices) for e in unique)
+    padded = [
+        np.concatenate([e.vertices, np.repeat(e.vertices[:1], most - len(e.vertices), 0)])
+        for e in exemplars
+    ]
+    groups = []
+    for e in unique:
+        members = torch.tensor([k for k, other in enumerate(exemplars) if other.name == e.name])
+        topology = MeshTopology.from_faces(e.faces, len(e.vertices))
+        groups.append((topology, members, len(e.vertices)))
+    axis = slice(1, 2) if size_axis == "height" else slice(0, 3)
+    return ObjectGeometry(
+        exemplars=exemplars,
+        vertices=torch.from_numpy(np.stack(padded)),
+        groups=groups,
+        part_points=stacked("points"),
+        part_normals=stacked("normals"),
+        part_present=torch.from_numpy(np.repeat(present, count, 1)),
+        part_slices={part: np.arange(i * count, (i + 1) * count) for i, part in enumerate(parts)},
+        surface_points=torch.from_numpy(np.stack([surface[e.name] for e in exemplars])),
+        extent=torch.tensor([float(e.size[axis].max()) for e in exemplars]),
+    )
+
+
+def _surface(exemplar: Exemplar, count: int, seed: int) -> np.ndarray:
+    triangles = exemplar.vertices[exemplar.faces]
+    return _sample_triangles(triangles, count, np.random.default_rng(seed))[0]
+
+
+def _sample_triangles(
+    triangles: np.ndarray, count: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Area-uniform points and unit normals (count, 3) float32 on triangles (F, 3, 3)."""
+    triangles = triangles.astype(np.float64)
+    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    double_area = np.linalg.norm(cross, axis=1)
+    chosen = rng.choice(len(triangles), count, p=double_area / double_area.sum())
+    u, v = rng.random((2, count, 1))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    a, b, c = triangles[chosen].transpose(1, 0, 2)
+    normals = cross[chosen] / double_area[chosen, None]
+    return (a + u * (b - a) + v * (c - a)).astype(np.float32), normals.astype(np.float32)
+
+
+def _body_geometry(
+    body: BodyFit,
+    regions: BodyRegions,
+    used: list[str],
+    config: JointConfig,
+    rng: np.random.Generator,
+) -> BodyGeometry:
+    vertices = body.vertices
+    count = config.part_points
+    samples = [regions.sample(vertices, name, count, rng) for name in used]
+    empty = [np.zeros((0, 3), np.float32)]
+    feet = [regions.vertices[name] for name in ("left_foot", "right_foot")]
+    needs_field = "penetration" in config.terms
+    field = (
+        body_signed_distance(vertices, regions.faces, config.sdf_grid, config.sdf_margin)
+        if needs_field
+        else None
+    )
+    return BodyGeometry(
+        vertices=torch.from_numpy(vertices),
+        points=torch.from_numpy(np.concatenate([p for p, _ in samples] or empty)),
+        normals=torch.from_numpy(np.concatenate([n for _, n in samples] or empty)),
+        slices={name: np.arange(i * count, (i + 1) * count) for i, name in enumerate(used)},
+        soles=torch.from_numpy(vertices[np.concatenate(feet)]),
+        field=field,
+    )
+
+
+def _roi(objects: ObjectFit, detection: Detection, margin: float) -> Roi:
+    if objects.roi is not None:
+        return Roi(*(float(value) for value in objects.roi))
+    rows, columns = np.nonzero(detection.object_mask)
+    if not len(rows):
+        raise FrameFailure("empty_object_mask", "the object mask has no pixel")
+    box = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
+    return Roi.around(box, (margin - 1) / 2)
+
+
+def _target(detection: Detection, roi: Roi, resolution: int) -> SilhouetteTarget:
+    """The object's mask; pixels of the person and off the photo say nothing."""
+    thing, person = detection.object_mask, detection.person_mask
+    mask = crop_mask(thing, roi, resolution) > 0.5
+    occluded = crop_mask(person & ~thing, roi, resolution) > 0.5
+    on_photo = crop_mask(np.ones_like(thing), roi, resolution) > 0.5
+    return SilhouetteTarget(mask, on_photo & (mask | ~occluded))
+
+
+def _missing_parts(pairs, geometry: ObjectGeometry) -> list[str]:
+    """One sentence for each exemplar that lacks every object part of a pair."""
+    notes = []
+    for pair in pairs:
+        rows = np.concatenate([geometry.part_slices[part] for part in pair.object_parts])
+        lacks = ~geometry.part_present[:, rows].any(1)
+        for k in torch.nonzero(lacks)[:, 0].tolist():
+            parts = "/".join(pair.object_parts)
+            notes.append(f"{geometry.exemplars[k].name} has no {parts}: no contact there")
+    return list(dict.fromkeys(notes))

@@ -1,0 +1,170 @@
+"""The joint stage: place body and object together [3.4, Eq. 5]."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from hoi.artifacts import BodyFit, Detection, Frame, Joint, ObjectFit, Prior
+from hoi.body import BodyModel, part_vertices
+from hoi.errors import ConfigError, FrameFailure
+from hoi.exemplars import Exemplar, load_library
+from hoi.geometry import rotation_6d_to_matrix
+from hoi.joint.config import JointConfig
+from hoi.joint.optimise import Optimum, minimise
+from hoi.joint.problem import BodyRegions, Problem, build_problem
+from hoi.joint.select import choose, occlusion_order_violation, rule_text
+from hoi.joint.terms import Placement
+
+
+class JointStage:
+    """Optimise the hypotheses of the object fit against body, image and priors; keep the best.
+
+    Args:
+        config: the method, see `hoi.joint.presets`.
+        body_model: the SMPL-format file the bodies were fitted with.
+        exemplars_dir: the library the object fit used.
+    """
+
+    def __init__(self, config: JointConfig, body_model: Path, exemplars_dir: Path):
+        self.config = config
+        self.exemplars_dir = Path(exemplars_dir)
+        model = BodyModel.load(body_model)
+        self.body_identity = model.identity
+        self.regions = BodyRegions(model.faces, part_vertices(model), model.num_vertices)
+        self._libraries: dict[str, list[Exemplar]] = {}
+
+    def __call__(
+        self,
+        frame: Frame,
+        detection: Detection,
+        body: BodyFit,
+        objects: ObjectFit,
+        prior: Prior,
+        seed: int,
+    ) -> Joint:
+        """Raises FrameFailure when there is no pose to start from or none stays finite."""
+        config = self.config
+        if body.body_model and body.body_model != self.body_identity:
+            raise ConfigError(
+                f"the joint stage loaded body model {self.body_identity}, but {frame.frame_id} was "
+                f"fitted with {body.body_model}; give both stages the same `body_model`"
+            )
+        interaction = prior.retrieved if config.action == "retrieved" else prior.default
+        if interaction is None:
+            raise FrameFailure("no_prior", f"the prior holds no {config.action} interaction")
+        problem = build_problem(
+            config, frame, detection, body, objects, prior, interaction,
+            self._library(objects.category or frame.category), self.regions, seed,
+        )  # fmt: skip
+        optimum = minimise(problem, config.terms, config.chosen_schedule)
+        return self._result(frame, detection, body, interaction.action, problem, optimum)
+
+    def _library(self, category: str) -> list[Exemplar]:
+        if category not in self._libraries:
+            self._libraries[category] = load_library(self.exemplars_dir, category)
+        return self._libraries[category]
+
+    def _result(
+        self,
+        frame: Frame,
+        detection: Detection,
+        body: BodyFit,
+        action: str,
+        problem: Problem,
+        optimum: Optimum,
+    ) -> Joint:
+        config = self.config
+        with torch.no_grad():
+            placement = Placement(problem, optimum.variables)
+            iou = placement.silhouette[1].numpy().astype(np.float64)
+            vertices = placement.vertices.numpy()
+            human_scale = placement.human_scale.numpy().astype(np.float64)
+        exemplars = problem.object.exemplars
+        objects = [v[: len(e.vertices)] for v, e in zip(vertices, exemplars, strict=True)]
+        total = optimum.total.numpy().astype(np.float64)
+        # nothing behind the camera can explain a picture
+        total = np.where([v[:, 2].min() > 0 for v in objects], total, np.inf)
+        violation = occlusion_order_violation(
+            objects,
+            [e.faces for e in exemplars],
+            [scale * body.vertices for scale in human_scale],
+            self.regions.faces,
+            detection,
+            frame.intrinsics,
+            problem.roi,
+            config.order_resolution,
+            config.order_tolerance,
+        )
+        try:
+            k = choose(total, violation, config.order_weight)
+        except ValueError as error:
+            raise FrameFailure("joint_diverged", str(error)) from error
+        names = list(config.terms)
+        terms = dict(zip(names, optimum.terms.double().tolist(), strict=True))
+        curves = optimum.curves[:, :, k].double()
+        rotation, translation, scale = _similarity(optimum.variables[k])
+        scaled_body = human_scale[k] * body.vertices
+        return Joint(
+            frame_id=frame.frame_id,
+            detail="; ".join(problem.skipped),
+            method=config.method,
+            exemplar=exemplars[k].name,
+            action=action,
+            object_rotation=rotation,
+            object_translation=translation,
+            object_scale=scale,
+            human_scale=float(human_scale[k]),
+            object_vertices=objects[k],
+            object_faces=exemplars[k].faces,
+            body_vertices=scaled_body,
+            body_joints=human_scale[k] * body.joints,
+            body_model=body.body_model,
+            contact_vertices=touching(
+                scaled_body, objects[k], exemplars[k].faces, config.touch_distance
+            ),
+            hypothesis_exemplars=[e.name for e in exemplars],
+            hypothesis_terms=terms
+            | {
+                "total": _listed(total),
+                "order_violation": violation.tolist(),
+                "iou": iou.tolist(),
+                "scale": placement.scale.double().tolist(),
+            },
+            selected=k,
+            selection_rule=rule_text(config.order_weight),
+            loss_curve={name: _listed(curves[:, i].numpy()) for i, name in enumerate(names)},
+        )
+
+
+def _similarity(variables: torch.Tensor) -> tuple[np.ndarray, np.ndarray, float]:
+    """R, t, s with object vertices ``s X R^T + t``: the scale about the camera centre folded in."""
+    scale = float(variables[9].double().exp())
+    rotation = rotation_6d_to_matrix(variables[:6].double()).numpy()
+    return rotation, scale * variables[6:9].double().numpy(), scale
+
+
+def _listed(values: np.ndarray) -> list[float]:
+    """JSON has no infinity: a loss that is not finite is written as the largest number."""
+    return np.nan_to_num(values, nan=1e30, posinf=1e30, neginf=-1e30).tolist()
+
+
+def touching(
+    body_vertices: np.ndarray, object_vertices: np.ndarray, object_faces: np.ndarray, reach: float
+) -> np.ndarray:
+    """(V,) float32 per body vertex: 1 on or inside the object's surface, 0 from `reach` metres on.
+
+    Linear in the distance to the surface in between.
+    """
+    import open3d
+
+    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(
+        open3d.core.Tensor(np.ascontiguousarray(object_vertices, np.float32)),
+        open3d.core.Tensor(np.ascontiguousarray(object_faces, np.uint32)),
+    )
+    points = open3d.core.Tensor(np.ascontiguousarray(body_vertices, np.float32))
+    distance = scene.compute_distance(points, nthreads=1).numpy()
+    return np.clip(1 - distance / reach, 0, 1)
