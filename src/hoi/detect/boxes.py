@@ -1,0 +1,60 @@
+"""Boxes: x0, y0, x1, y1 in pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hoi.detect.backends import Box
+
+
+def mask_box(mask: np.ndarray) -> Box:
+    """The tight box of a non-empty mask."""
+    columns, rows = np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))
+    return float(columns[0]), float(rows[0]), float(columns[-1] + 1), float(rows[-1] + 1)
+
+
+def area(box: Sequence[float]) -> float:
+    return max(box[2] - box[0], 0.0) * max(box[3] - box[1], 0.0)
+
+
+def longer_side(box: Sequence[float]) -> float:
+    return max(box[2] - box[0], box[3] - box[1])
+
+
+def shared_area(first: Sequence[float], second: Sequence[float]) -> float:
+    low = max(first[0], second[0]), max(first[1], second[1])
+    high = min(first[2], second[2]), min(first[3], second[3])
+    return area((*low, *high))
+
+
+def overlap(first: Sequence[float], second: Sequence[float]) -> float:
+    """Intersection over union."""
+    shared = shared_area(first, second)
+    union = area(first) + area(second) - shared
+    return shared / union if union > 0 else 0.0
+
+
+def gap(first: Sequence[float], second: Sequence[float]) -> float:
+    """Pixels between two boxes; 0 where they touch or overlap."""
+    across = max(first[0] - second[2], second[0] - first[2], 0.0)
+    down = max(first[1] - second[3], second[1] - first[3], 0.0)
+    return float(np.hypot(across, down))
+
+
+def grown(box: Sequence[float], margin: float) -> Box:
+    """The box with `margin` pixels more on every side."""
+    return box[0] - margin, box[1] - margin, box[2] + margin, box[3] + margin
+
+
+def clipped(box: Sequence[float], height: int, width: int) -> Box:
+    """The part of the box inside the image."""
+    xs, ys = np.clip(box[0::2], 0, width), np.clip(box[1::2], 0, height)
+    return float(xs[0]), float(ys[0]), float(xs[1]), float(ys[1])
+
+
+def pixel_window(box: Sequence[float], height: int, width: int) -> tuple[slice, slice]:
+    """Rows and columns of the pixels that the box touches, inside the image."""
+    x0, y0, x1, y1 = clipped(box, height, width)
+    return slice(int(y0), int(np.ceil(y1))), slice(int(x0), int(np.ceil(x1)))

@@ -1,0 +1,135 @@
+"""Which person and which object: the written rule, and a verdict for every box that lost.
+
+1. People scoring under the threshold are out (``below_threshold``); so is anyone whose box is
+   smaller than a share of the largest one's (``background_person``).
+2. Boxes whose class does not stand for the category are out (``other_class``); the others' scores
+   are weighted (look-alike classes count less) and compared with the threshold.
+3. Every remaining pair is rated ``person score x object score x nearness x size``: nearness falls
+   linearly from 1 where the boxes touch to 0 at the reach, size is the square root of the person's
+   area over the largest person's. The best pair is chosen, the earlier box winning a tie.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hoi.artifacts import Candidate
+from hoi.detect.backends import DetectedBox
+from hoi.detect.boxes import area, gap, longer_side
+from hoi.detect.config import DetectConfig
+from hoi.detect.labels import PERSON
+from hoi.errors import FrameFailure
+
+CHOSEN = "chosen"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The chosen pair (each may be missing) and the verdict on every box, in the order given."""
+
+    person: DetectedBox | None
+    object: DetectedBox | None
+    verdicts: tuple[str, ...]
+    rivals: int  # other people who could as well have been meant
+
+    def candidates(self, boxes: Sequence[DetectedBox]) -> list[Candidate]:
+        return [
+            Candidate(label=item.label, score=item.score, box=item.box, verdict=verdict)
+            for item, verdict in zip(boxes, self.verdicts, strict=True)
+        ]
+
+
+def choose(boxes: Sequence[DetectedBox], weights: dict[str, float], config: DetectConfig) -> Choice:
+    """Apply the rule of this module.
+
+    Args:
+        boxes: everything the detector saw.
+        weights: detector label -> factor on its score, for the frame's category.
+        config: thresholds and reach.
+    """
+    verdicts = [""] * len(boxes)
+    people, objects = [], []
+    largest = max((area(item.box) for item in boxes if _is_person(item, config)), default=0.0)
+    for index, item in enumerate(boxes):
+        if item.label == PERSON:
+            if item.score < config.person_threshold:
+                verdicts[index] = "below_threshold"
+            elif area(item.box) < config.rival_area * largest:
+                verdicts[index] = "background_person"
+            else:
+                people.append(index)
+        elif item.label not in weights:
+            verdicts[index] = "other_class"
+        elif item.score * weights[item.label] < config.object_threshold:
+            verdicts[index] = "below_threshold"
+        else:
+            objects.append(index)
+
+    def rating(person: int, thing: int) -> float:
+        body, candidate = boxes[person], boxes[thing]
+        distance = gap(body.box, candidate.box) / max(longer_side(body.box), 1e-9)
+        nearness = max(1 - distance / config.reach, 0.0)
+        score = candidate.score * weights[candidate.label]
+        return body.score * score * nearness * (area(body.box) / largest) ** 0.5
+
+    pairs = [(rating(person, thing), -person, -thing) for person in people for thing in objects]
+    best = max(pairs, default=(0.0, 0, 0))
+    person = thing = None
+    if best[0] > 0:
+        person, thing = -best[1], -best[2]
+    elif people:
+        person = max(
+            people, key=lambda index: (boxes[index].score * area(boxes[index].box), -index)
+        )
+    for index in people:
+        verdicts[index] = CHOSEN if index == person else "other_person"
+    for index in objects:
+        verdicts[index] = CHOSEN if index == thing else "other_object"
+        if person is not None and rating(person, index) == 0:
+            verdicts[index] = "too_far_from_person"
+    return Choice(
+        None if person is None else boxes[person],
+        None if thing is None else boxes[thing],
+        tuple(verdicts),
+        max(len(people) - 1, 0),
+    )
+
+
+def person_failure(boxes: Sequence[DetectedBox], config: DetectConfig) -> FrameFailure:
+    """Why there is no person: the best one that was seen, if any."""
+    best = max((item.score for item in boxes if item.label == PERSON), default=None)
+    seen = "no person at all" if best is None else f"at best one scoring {best:.2f}"
+    return FrameFailure(
+        "no_person_detected",
+        f"the detector sees {seen}; the threshold is {config.person_threshold}",
+    )
+
+
+def object_failure(
+    boxes: Sequence[DetectedBox], category: str, weights: dict[str, float], config: DetectConfig
+) -> FrameFailure:
+    """Why there is no object: no such class, none over the threshold, or none near the person."""
+    if not weights:
+        return FrameFailure(
+            "no_object_detected",
+            f"the detector has no class for {category!r}; name one in detect.labels or give a mask",
+        )
+    scores = [
+        (item.score * weights[item.label], item.label) for item in boxes if item.label in weights
+    ]
+    if not scores:
+        reason = "the detector sees none"
+    else:
+        score, label = max(scores)
+        near = "too far from the person" if score >= config.object_threshold else "too low"
+        reason = f"the best box ({label}) scores {score:.2f}, {near}"
+    return FrameFailure(
+        "no_object_detected",
+        f"no {category or 'object'} next to the person: {reason}; "
+        f"the threshold is {config.object_threshold}",
+    )
+
+
+def _is_person(item: DetectedBox, config: DetectConfig) -> bool:
+    return item.label == PERSON and item.score >= config.person_threshold

@@ -1,0 +1,178 @@
+"""Every number of the detect stage."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from hoi.settings import Settings
+
+
+class NanoDetConfig(Settings):
+    """The box detector of the registry back end."""
+
+    nms_iou: float = Field(
+        default=0.6, gt=0, le=1, description="Boxes of one class overlapping more merge."
+    )
+    floor: float = Field(
+        default=0.05,
+        gt=0,
+        le=1,
+        description="Boxes scoring less are not even recorded as candidates.",
+    )
+    crop_pass: bool = Field(
+        default=True,
+        description="Look again in a square around the person when the whole picture shows no "
+        "object of the category: the detector sees 416 x 416 pixels, a keyboard is lost in them.",
+    )
+    crop_margin: float = Field(
+        default=1.5, ge=1, description="Side of that square / longer side of the box."
+    )
+
+
+class BlazePoseConfig(Settings):
+    """Keypoints, 3D landmarks and the person mask of the registry back end."""
+
+    complexity: Literal["full", "heavy"] = Field(
+        default="heavy",
+        description="Landmark model: heavy is right more often, full is three times faster.",
+    )
+    crop_scale: float = Field(
+        default=1.25, gt=1, description="Side of the crop / size of the person."
+    )
+    passes: int = Field(
+        default=2, ge=1, le=3, description="Passes after the first re-centre the crop."
+    )
+    minimum_score: float = Field(
+        default=0.5,
+        ge=0,
+        le=1,
+        description="Presence score under which there is no person in the crop.",
+    )
+    minimum_inside: float = Field(
+        default=0.7,
+        ge=0,
+        le=1,
+        description="A later pass is kept only if this share of its visible keypoints stays in the "
+        "person's box; otherwise it has jumped to another person.",
+    )
+    box_slack: float = Field(
+        default=0.15,
+        ge=0,
+        description="The box is widened by this share of its longer side in that test, "
+        "and beyond it the person mask is cut.",
+    )
+    visible: float = Field(
+        default=0.5, ge=0, le=1, description="Confidence of a keypoint that counts as seen."
+    )
+    mask_threshold: float = Field(default=0.5, gt=0, lt=1)
+    threads: int = Field(default=1, ge=1)
+
+
+class GrabCutConfig(Settings):
+    """Object mask from a box, by colour alone."""
+
+    context: float = Field(
+        default=0.35, ge=0, description="Surroundings shown, as a share of the box side."
+    )
+    longest_side: int = Field(default=420, ge=32, description="Pixels the crop is reduced to.")
+    iterations: int = Field(default=6, ge=1)
+    limb_width: float = Field(
+        default=0.035,
+        gt=0,
+        description="Width of the sure-person skeleton / longer side of the person box.",
+    )
+    minimum_fill: float = Field(
+        default=0.08,
+        ge=0,
+        le=1,
+        description="A result that covers less of its box is distrusted; the box without the "
+        "person takes its place.",
+    )
+
+
+class DetectConfig(Settings):
+    """Section 3.1 (detection) and 4.2 (what counts as detected)."""
+
+    masks: Literal["given", "registry"] = Field(
+        default="given",
+        description="given: the data set's own masks, as in the paper's supplementary evaluation; "
+        "registry: detect boxes and segment them.",
+    )
+    keypoints: Literal["given", "registry"] = "given"
+    landmarks: Literal["registry", "none"] = Field(
+        default="registry",
+        description="3D landmarks of the person that start the body fit. They need the pose model "
+        "even where masks and keypoints are given.",
+    )
+
+    person_threshold: float = Field(
+        default=0.3,
+        ge=0,
+        le=1,
+        description="The paper's PointRend uses 0.9 (section 4.2); the scores of the small "
+        "detector used here are lower.",
+    )
+    object_threshold: float = Field(
+        default=0.2,
+        ge=0,
+        le=1,
+        description="The paper: 0.9, and 0.6 as a second try (section 4.2).",
+    )
+    reported_thresholds: tuple[float, ...] = Field(
+        default=(0.9, 0.6),
+        description="Thresholds at which failures are counted beside our own (section 4.2).",
+    )
+    labels: dict[str, tuple[str, ...]] = Field(
+        default={},
+        description="Detector labels per category, best first; replaces the built-in table's row.",
+    )
+    secondary_weight: float = Field(
+        default=0.5,
+        gt=0,
+        le=1,
+        description="Factor on the score of a look-alike label (couch for chair).",
+    )
+
+    require_single_person: bool = Field(
+        default=False, description="Fail with several_people instead of choosing one."
+    )
+    rival_area: float = Field(
+        default=0.25,
+        ge=0,
+        le=1,
+        description="People whose box is smaller than this share of the largest one's are "
+        "background.",
+    )
+    reach: float = Field(
+        default=0.75,
+        gt=0,
+        description="The gap between the boxes of person and object, in longer sides of the "
+        "person's box, at which a pair is too far apart to interact.",
+    )
+
+    minimum_mask_pixels: int = Field(
+        default=16, ge=1, description="Masks with fewer pixels are empty."
+    )
+    keypoint_threshold: float = Field(
+        default=0.3, ge=0, le=1, description="Confidence from which a keypoint counts as found."
+    )
+    minimum_keypoints: int = Field(
+        default=6,
+        ge=1,
+        description="Frames with fewer found keypoints fail: no body can be fitted to them.",
+    )
+
+    nanodet: NanoDetConfig = NanoDetConfig()
+    blazepose: BlazePoseConfig = BlazePoseConfig()
+    grabcut: GrabCutConfig = GrabCutConfig()
+
+    @property
+    def needed_models(self) -> Literal["none", "pose", "all"]:
+        """Which model files this needs, see :func:`hoi.detect.models.fetch_models`."""
+        if self.masks == "registry":
+            return "all"
+        if self.keypoints == "registry" or self.landmarks == "registry":
+            return "pose"
+        return "none"

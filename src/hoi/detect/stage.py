@@ -1,0 +1,269 @@
+"""The detect stage: from a photo to the person, the object, their masks and keypoints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from hoi.artifacts import Candidate, Detection, Frame
+from hoi.detect.backends import (
+    Box,
+    BoxDetector,
+    DetectedBox,
+    ObjectSegmenter,
+    PersonPose,
+    PoseEstimator,
+)
+from hoi.detect.boxes import longer_side, mask_box, overlap, pixel_window
+from hoi.detect.choice import Choice, choose, object_failure, person_failure
+from hoi.detect.config import DetectConfig
+from hoi.detect.given import given_keypoints, given_mask
+from hoi.detect.labels import PERSON, label_weights
+from hoi.detect.models import require_models
+from hoi.errors import FrameFailure
+
+STAGE = "detect"
+#: Scores of the second look are for the same boxes: one that is there already adds nothing.
+_SAME_BOX = 0.5
+
+
+class DetectionFailure(FrameFailure):
+    """A failure that still knows which boxes the detector saw.
+
+    Attributes:
+        artifact: the failed Detection, candidates included.
+    """
+
+    def __init__(self, frame_id: str, cause: FrameFailure, candidates: list[Candidate]):
+        super().__init__(cause.status, cause.detail)
+        self.artifact = Detection(
+            frame_id=frame_id,
+            status=cause.status,
+            detail=cause.detail,
+            failed_stage=STAGE,
+            candidates=candidates,
+        )
+
+
+@dataclass
+class _Subjects:
+    """The pair that a frame is about, before segmentation."""
+
+    person_box: Box
+    object_box: Box
+    person: DetectedBox | None = None
+    object: DetectedBox | None = None
+    person_mask: np.ndarray | None = None
+    object_mask: np.ndarray | None = None
+    candidates: list[Candidate] = field(default_factory=list)
+
+
+class DetectStage:
+    """Section 3.1: boxes, masks and keypoints of one person and one object.
+
+    Args:
+        config: what is given, what is detected, and every threshold.
+        models_dir: folder of the model files, see :mod:`hoi.detect.models`; may be None when the
+            configuration needs none.
+        box_detector, pose_estimator, object_segmenter: other implementations of the roles in
+            :mod:`hoi.detect.backends`; by default NanoDet, BlazePose and GrabCut.
+
+    Raises AssetError when a model file that the configuration needs is missing or damaged.
+    """
+
+    def __init__(
+        self,
+        config: DetectConfig,
+        models_dir: Path | str | None = None,
+        *,
+        box_detector: BoxDetector | None = None,
+        pose_estimator: PoseEstimator | None = None,
+        object_segmenter: ObjectSegmenter | None = None,
+    ):
+        self.config = config
+        self._boxes, self._pose, self._segment = box_detector, pose_estimator, object_segmenter
+        needs_boxes = config.masks == "registry" and box_detector is None
+        needs_pose = config.needed_models != "none" and pose_estimator is None
+        if needs_boxes or needs_pose:
+            folder = require_models(models_dir, "all" if needs_boxes else "pose")
+            if needs_boxes:
+                from hoi.detect.nanodet import NanoDet
+
+                self._boxes = NanoDet(config.nanodet, folder)
+            if needs_pose:
+                from hoi.detect.blazepose import BlazePose
+
+                self._pose = BlazePose(config.blazepose, folder)
+        if config.masks == "registry" and object_segmenter is None:
+            from hoi.detect.grabcut import GrabCut
+
+            self._segment = GrabCut(config.grabcut, config.blazepose.visible)
+
+    def __call__(self, frame: Frame, seed: int) -> Detection:
+        """Detect in one frame.
+
+        Raises FrameFailure with status ``no_person_detected``, ``several_people``,
+        ``no_object_detected``, ``person_mask_empty``, ``object_mask_empty``,
+        ``mask_size_mismatch`` or ``no_keypoints``.
+        """
+        image = frame.image
+        assert image is not None  # a frame that is ok has one
+        if self.config.masks == "given":
+            return self._describe(frame, image, self._given_subjects(frame), seed)
+        boxes, choice = self._look(image, self._weights(frame))
+        candidates = choice.candidates(boxes)
+        try:
+            subjects = self._detected_subjects(frame, boxes, choice, candidates)
+            return self._describe(frame, image, subjects, seed)
+        except FrameFailure as failure:
+            raise DetectionFailure(frame.frame_id, failure, candidates) from failure
+
+    def _given_subjects(self, frame: Frame) -> _Subjects:
+        pixels = self.config.minimum_mask_pixels
+        person = given_mask(frame, "person", frame.given_person_mask, pixels)
+        thing = given_mask(frame, "object", frame.given_object_mask, pixels)
+        return _Subjects(mask_box(person), mask_box(thing), person_mask=person, object_mask=thing)
+
+    def _detected_subjects(
+        self, frame: Frame, boxes: list[DetectedBox], choice: Choice, candidates: list[Candidate]
+    ) -> _Subjects:
+        config = self.config
+        if choice.person is None:
+            raise person_failure(boxes, config)
+        if choice.rivals and config.require_single_person:
+            raise FrameFailure(
+                "several_people", f"{choice.rivals + 1} people are equally plausible"
+            )
+        if choice.object is None:
+            weights = self._weights(frame)
+            raise object_failure(boxes, frame.category, weights, config)
+        return _Subjects(
+            choice.person.box,
+            choice.object.box,
+            person=choice.person,
+            object=choice.object,
+            candidates=candidates,
+        )
+
+    def _weights(self, frame: Frame) -> dict[str, float]:
+        return label_weights(frame.category, self.config.labels, self.config.secondary_weight)
+
+    def _look(
+        self, image: np.ndarray, weights: dict[str, float]
+    ) -> tuple[list[DetectedBox], Choice]:
+        """Boxes of the whole picture, and of the person's surroundings if that finds no object."""
+        assert self._boxes is not None
+        boxes = self._boxes(image)
+        choice = choose(boxes, weights, self.config)
+        nano = self.config.nanodet
+        if choice.person is not None and choice.object is None and weights and nano.crop_pass:
+            boxes = boxes + self._second_look(image, choice.person.box, boxes)
+            choice = choose(boxes, weights, self.config)
+        return boxes, choice
+
+    def _second_look(
+        self, image: np.ndarray, person: Box, seen: list[DetectedBox]
+    ) -> list[DetectedBox]:
+        """Objects, in image pixels, that show up in a square around the person."""
+        assert self._boxes is not None
+        x, y = (person[0] + person[2]) / 2, (person[1] + person[3]) / 2
+        half = self.config.nanodet.crop_margin * longer_side(person) / 2
+        rows, columns = pixel_window((x - half, y - half, x + half, y + half), *image.shape[:2])
+        left, top = columns.start, rows.start
+        found = []
+        for item in self._boxes(image[rows, columns]):
+            x0, y0, x1, y1 = item.box
+            box = (x0 + left, y0 + top, x1 + left, y1 + top)
+            known = any(
+                item.label == other.label
+                and item.score <= other.score
+                and overlap(box, other.box) > _SAME_BOX
+                for other in seen
+            )
+            if item.label != PERSON and not known:
+                found.append(DetectedBox(item.label, item.score, box))
+        return found
+
+    def _describe(
+        self, frame: Frame, image: np.ndarray, subjects: _Subjects, seed: int
+    ) -> Detection:
+        """Masks, keypoints and landmarks of the pair."""
+        config = self.config
+        pose = None
+        if self._pose is not None:
+            pose = self._pose(image, subjects.person_box)
+        person_mask, person_source = self._person_mask(subjects, pose)
+        object_mask, object_source = self._object_mask(image, subjects, pose, seed)
+        if config.masks == "registry":
+            # A pixel shows one thing. The segmenter saw the person mask as a hint and overruled it
+            # where the colours say object.
+            person_mask = person_mask & ~object_mask
+            self._require(person_mask, "person")
+        keypoints, keypoints_source = self._keypoints(frame, pose)
+        use_landmarks = config.landmarks == "registry" and pose is not None
+        return Detection(
+            frame_id=frame.frame_id,
+            person_box=subjects.person_box,
+            object_box=subjects.object_box,
+            person_score=subjects.person.score if subjects.person else None,
+            object_score=subjects.object.score if subjects.object else None,
+            object_label=subjects.object.label if subjects.object else frame.category,
+            person_mask=person_mask,
+            object_mask=object_mask,
+            person_mask_source=person_source,
+            object_mask_source=object_source,
+            keypoints=keypoints,
+            keypoints_source=keypoints_source,
+            landmarks=pose.landmarks if use_landmarks and pose else None,
+            landmarks_source=self._landmarks_source(pose),
+            candidates=subjects.candidates,
+        )
+
+    def _person_mask(self, subjects: _Subjects, pose: PersonPose | None) -> tuple[np.ndarray, str]:
+        if subjects.person_mask is not None:
+            return subjects.person_mask, "given"
+        if pose is None:
+            raise FrameFailure(
+                "person_mask_empty", "the pose model sees nobody in the person's box"
+            )
+        mask = pose.probability > self.config.blazepose.mask_threshold
+        self._require(mask, "person")
+        return mask, "blazepose"
+
+    def _object_mask(
+        self, image: np.ndarray, subjects: _Subjects, pose: PersonPose | None, seed: int
+    ) -> tuple[np.ndarray, str]:
+        if subjects.object_mask is not None:
+            return subjects.object_mask, "given"
+        assert self._segment is not None and pose is not None
+        mask, source = self._segment(image, subjects.object_box, pose, seed)
+        self._require(mask, "object")
+        return mask, source
+
+    def _keypoints(self, frame: Frame, pose: PersonPose | None) -> tuple[np.ndarray, str]:
+        if self.config.keypoints == "given":
+            keypoints, source = given_keypoints(frame), "given"
+        elif pose is None:
+            raise FrameFailure("no_keypoints", "the pose model sees nobody in the person's box")
+        else:
+            keypoints, source = pose.keypoints, "blazepose"
+        found = int((keypoints[:, 2] >= self.config.keypoint_threshold).sum())
+        if found < self.config.minimum_keypoints:
+            raise FrameFailure(
+                "no_keypoints",
+                f"{found} keypoints reach confidence {self.config.keypoint_threshold}, "
+                f"{self.config.minimum_keypoints} are needed",
+            )
+        return keypoints, source
+
+    def _landmarks_source(self, pose: PersonPose | None) -> str:
+        if self.config.landmarks == "none":
+            return "none"
+        return "blazepose" if pose is not None else "none: the pose model sees nobody"
+
+    def _require(self, mask: np.ndarray, which: str) -> None:
+        pixels = int(mask.sum())
+        if pixels < self.config.minimum_mask_pixels:
+            raise FrameFailure(f"{which}_mask_empty", f"the {which} mask has {pixels} pixels")
