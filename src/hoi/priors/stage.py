@@ -88,14 +88,14 @@ def lookup_interaction(
 
 
 def _contacts(answer: ContactAnswer) -> list[Contact]:
-    """One contact per body region; "either" hand shares its probability between the two."""
+    """One contact per body region that the answer names; none when a part has no label."""
     regions = expand_region(answer.body_region, answer.side) if answer.object_part else ()
-    share = len(regions) if answer.side == "either" and regions else 1
     return [
         Contact(
             object_part=answer.object_part,
             body_part=region,
-            probability=answer.probability / share,
+            side=answer.side,  # type: ignore[arg-type]  # checked when the table is read
+            probability=answer.probability,
             source=answer.source,
         )
         for region in regions

@@ -1,0 +1,41 @@
+"""Every setting of the action stage, and of the pose database it looks into."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from hoi.settings import Settings
+
+COMPARED_JOINTS = (
+    "left_hip", "right_hip", "left_knee", "right_knee", "spine1", "spine2", "spine3",
+    "left_collar", "right_collar", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow",
+)  # fmt: skip
+"""Joints whose rotations are compared: what a keypoint fit observes and an action needs.
+
+Left out: the pelvis (which way the person faces), head and neck (where the person looks), and
+ankles, feet, wrists and hands (hardly observed).
+"""
+
+
+class ActionsConfig(Settings):
+    """How a pose becomes an action [paper 3.2]."""
+
+    metric: Literal["rotation_matrix", "axis_angle", "bone_direction"] = Field(
+        "rotation_matrix",
+        description="what the Euclidean distance is taken over. axis_angle: the model's own "
+        "rotation vectors, as in the paper; rotation_matrix: nine numbers a joint, without their "
+        "2 pi wrap; bone_direction: unit vectors of the limbs in the pelvis frame",
+    )
+    joints: tuple[str, ...] = Field(COMPARED_JOINTS, description="joints that are compared")
+    min_conceptnet_weight: float = Field(
+        1.0, description="ConceptNet edges below this weight are no actions [3.2: 1]"
+    )
+    runners_up: int = Field(10, ge=0, description="most nearest poses of other actions recorded")
+
+
+class DatabaseConfig(Settings):
+    """How the authored base poses are multiplied into the database."""
+
+    variants: int = Field(10, ge=1, description="draws from the ranges of each base pose")
+    jitter_degrees: float = Field(3.0, ge=0, description="sd of the noise on each compared joint")
+    seed: int = Field(0, ge=0, description="seed of the draws")
