@@ -26,7 +26,7 @@ class ReportConfig(Settings):
     crop_margin: float = Field(
         0.25, ge=0, description="margin about person and object, of its side"
     )
-    overlay_opacity: float = Field(0.82, gt=0, le=1, description="of meshes drawn over the photo")
+    overlay_opacity: float = Field(0.9, gt=0, le=1, description="of meshes drawn over the photo")
     keypoint_confidence: float = Field(0.3, ge=0, le=1, description="weaker keypoints are hollow")
     view_span_m: float = Field(2.4, gt=0, description="least width of side and top views, metres")
     max_view_span_m: float = Field(12.0, gt=0, description="an object farther off is cut, metres")
