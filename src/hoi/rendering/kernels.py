@@ -7,8 +7,8 @@ them adds its net multiplicity where it crosses a row of pixel centres; running 
 give exact coverage at the pixel centres without touching a triangle. Anti-aliasing then blends each
 pair of neighbouring pixels, one covered and one not, by where the outermost edge passes between
 their centres (as the `antialias` operation of Laine et al., Modular Primitives for
-High-Performance Differentiable Rendering, 2020), which makes the image differentiable in the two end
-points of that edge.
+High-Performance Differentiable Rendering, 2020), which makes the image differentiable in the two
+end points of that edge.
 
 All helpers live in this one file because Numba's disk cache only notices edits of the file that
 holds the compiled function. Kernels use one thread and release the interpreter lock.
@@ -75,10 +75,10 @@ def _pixel_window(xy, edges, chosen, count, height, width):
             x, y = xy[edges[e, i], 0], xy[edges[e, i], 1]
             left, right = min(left, x), max(right, x)
             top, bottom = min(top, y), max(bottom, y)
-    row0 = min(max(int(math.floor(top)) - 1, 0), height)
-    row1 = max(min(int(math.ceil(bottom)) + 2, height), row0)
-    col0 = min(max(int(math.floor(left)) - 1, 0), width)
-    col1 = max(min(int(math.ceil(right)) + 2, width), col0)
+    row0 = min(max(math.floor(top) - 1, 0), height)
+    row1 = max(min(math.ceil(bottom) + 2, height), row0)
+    col0 = min(max(math.floor(left) - 1, 0), width)
+    col1 = max(min(math.ceil(right) + 2, width), col0)
     return row0, row1, col0, col1
 
 
@@ -93,15 +93,15 @@ def _mark_crossings(xy, edges, chosen, multiplicity, count, height, width, delta
             low, high, net = ya, yb, -multiplicity[k]
         else:
             low, high, net = yb, ya, multiplicity[k]
-        first = max(int(math.ceil(low - HALF)), 0)
-        last = min(int(math.ceil(high - HALF)) - 1, height - 1)
+        first = max(math.ceil(low - HALF), 0)
+        last = min(math.ceil(high - HALF) - 1, height - 1)
         if first > last:
             continue
         slope = (xy[b, 0] - xa) / (yb - ya)
         for r in range(first, last + 1):
             x = xa + (np.float32(r) + HALF - ya) * slope - HALF
             x = min(max(x, np.float32(0)), np.float32(width))
-            delta[r, int(math.ceil(x))] += net
+            delta[r, math.ceil(x)] += net
 
 
 @nb.njit(fastmath=_SAFE_MATH)
@@ -164,14 +164,14 @@ def _boundary_pairs(xy, edges, chosen, count, covered, height, width, position, 
         xa, ya, xb, yb = xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1]
         dx, dy = xb - xa, yb - ya
         if abs(dy) >= abs(dx):
-            first = max(int(math.ceil(min(ya, yb) - HALF)), 0)
-            last = min(int(math.ceil(max(ya, yb) - HALF)) - 1, height - 1)
+            first = max(math.ceil(min(ya, yb) - HALF), 0)
+            last = min(math.ceil(max(ya, yb) - HALF) - 1, height - 1)
             if first > last:
                 continue
             slope = dx / dy
             for r in range(first, last + 1):
                 x = xa + (np.float32(r) + HALF - ya) * slope
-                c = int(math.floor(x - HALF))
+                c = math.floor(x - HALF)
                 if c < 0 or c >= width - 1:
                     continue
                 inside = np.int64(covered[r, c])
@@ -186,14 +186,14 @@ def _boundary_pairs(xy, edges, chosen, count, covered, height, width, position, 
                     owner[0, r, c] = e
                     position[0, r, c] = x
         else:
-            first = max(int(math.ceil(min(xa, xb) - HALF)), 0)
-            last = min(int(math.ceil(max(xa, xb) - HALF)) - 1, width - 1)
+            first = max(math.ceil(min(xa, xb) - HALF), 0)
+            last = min(math.ceil(max(xa, xb) - HALF) - 1, width - 1)
             if first > last:
                 continue
             slope = dy / dx
             for c in range(first, last + 1):
                 y = ya + (np.float32(c) + HALF - xa) * slope
-                r = int(math.floor(y - HALF))
+                r = math.floor(y - HALF)
                 if r < 0 or r >= height - 1:
                     continue
                 inside = np.int64(covered[r, c])
@@ -448,8 +448,8 @@ def _draw_depth(a, b, c, depth):
     top, bottom = min(a[1], b[1], c[1]), max(a[1], b[1], c[1])
     if right < 0 or bottom < 0 or left > width or top > height:
         return
-    col0, col1 = int(math.ceil(max(left, 0.0) - 0.5)), int(math.ceil(min(right, width) - 0.5))
-    row0, row1 = int(math.ceil(max(top, 0.0) - 0.5)), int(math.ceil(min(bottom, height) - 0.5))
+    col0, col1 = math.ceil(max(left, 0.0) - 0.5), math.ceil(min(right, width) - 0.5)
+    row0, row1 = math.ceil(max(top, 0.0) - 0.5), math.ceil(min(bottom, height) - 0.5)
     for r in range(row0, row1):
         y = r + 0.5
         for col in range(col0, col1):

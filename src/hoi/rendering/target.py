@@ -50,7 +50,7 @@ def _edge_distance(inside: np.ndarray, unknown: np.ndarray) -> np.ndarray:
     background = ~inside & ~unknown
     if not inside.any() or not background.any():
         return np.zeros(inside.shape, np.float32)
-    from_background = distance_transform_edt(~background) - 0.5
-    from_inside = distance_transform_edt(~inside) - 0.5
+    from_background = np.asarray(distance_transform_edt(~background)) - 0.5
+    from_inside = np.asarray(distance_transform_edt(~inside)) - 0.5
     distance = np.where(inside, from_background, from_inside)
     return np.sqrt(np.where(unknown, 0, distance)).astype(np.float32)

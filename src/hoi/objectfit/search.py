@@ -1,0 +1,181 @@
+"""From many starts to a few poses per exemplar: score, prune, refine in narrowing rounds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from hoi.exemplars import Exemplar
+from hoi.geometry import matrix_to_rotation_6d, project, rotation_6d_to_matrix
+from hoi.objectfit.config import RefineStep
+from hoi.objectfit.starts import align_to_boxes, support_vertices
+from hoi.rendering import MeshTopology, SilhouetteTarget, silhouette_iou, silhouette_loss
+
+_SCORE_BATCH = 500  # poses projected at once: 500 x 1000 vertices are 4 MB
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """What the search needs of an exemplar.
+
+    Attributes:
+        vertices: (V, 3) float32 metres, object frame, centred.
+        support: (S, 3) the outermost of them.
+        radius: metres from the centre to the farthest vertex.
+    """
+
+    name: str
+    vertices: Tensor
+    topology: MeshTopology
+    support: Tensor
+    radius: float
+
+    @classmethod
+    def of(cls, exemplar: Exemplar) -> Shape:
+        """Prepare an exemplar once; all frames share the result."""
+        vertices = np.ascontiguousarray(exemplar.vertices, np.float32)
+        return cls(
+            name=exemplar.name,
+            vertices=torch.from_numpy(vertices),
+            topology=MeshTopology.from_faces(exemplar.faces, len(vertices)),
+            support=torch.from_numpy(vertices[support_vertices(vertices)]),
+            radius=float(np.linalg.norm(vertices, axis=1).max()),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One grid over the region: its camera and its mask."""
+
+    intrinsics: np.ndarray  # (3, 3)
+    target: SilhouetteTarget
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Poses of one exemplar, best first.
+
+    Attributes:
+        rotations: (N, 3, 3); translations: (N, 3) metres; ious, losses: (N,).
+    """
+
+    shape: Shape
+    rotations: Tensor
+    translations: Tensor
+    ious: Tensor
+    losses: Tensor
+
+    def best(self, count: int, distinct_deg: float) -> Poses:
+        """The best `count` poses that differ from each other by at least the angle."""
+        chosen = distinct(self.rotations, math.radians(distinct_deg), count)
+        return Poses(
+            self.shape, self.rotations[chosen], self.translations[chosen], self.ious[chosen],
+            self.losses[chosen],
+        )  # fmt: skip
+
+    def merit(self, count: int) -> float:
+        """Mean IoU of the `count` best."""
+        return float(self.ious[:count].mean())
+
+
+def distinct(rotations: Tensor, angle: float, count: int) -> list[int]:
+    """Walk down a list of rotations (N, 3, 3), keeping those far from all kept before.
+
+    Args:
+        angle: radians. count: stop when so many are kept.
+    """
+    if angle <= 0:
+        return list(range(min(count, len(rotations))))
+    flat = rotations.reshape(-1, 9)
+    near = (flat @ flat.T - 1) / 2 > math.cos(angle)
+    free = torch.ones(len(rotations), dtype=torch.bool)
+    kept: list[int] = []
+    while len(kept) < count and bool(free.any()):
+        index = int(free.to(torch.uint8).argmax())
+        kept.append(index)
+        free &= ~near[index]
+        free[index] = False
+    return kept
+
+
+def score_starts(shape: Shape, rotations: Tensor, boxes: Tensor, view: View) -> Poses:
+    """Place the exemplar at each start so that it fills its box, and measure the overlap."""
+    translations = align_to_boxes(shape.support, rotations, boxes, view.intrinsics)
+    ious = torch.cat(
+        [
+            silhouette_iou(_xy(shape, r, t, view), shape.topology, view.target)
+            for r, t in zip(
+                rotations.split(_SCORE_BATCH), translations.split(_SCORE_BATCH), strict=True
+            )
+        ]
+    )
+    return _sorted(shape, rotations, translations, ious, torch.zeros_like(ious))
+
+
+def refine(poses: Poses, step: RefineStep, view: View) -> Poses:
+    """Adam on the silhouette loss of every pose at once [paper 3.5].
+
+    The translation moves as a shift across the image in units of the object's apparent size and as
+    the logarithm of its depth, so one learning rate suits near and far, large and small objects.
+    """
+    shape = poses.shape
+    six = matrix_to_rotation_6d(poses.rotations).clone().requires_grad_()
+    move = torch.zeros_like(poses.translations).requires_grad_()
+    optimiser = torch.optim.Adam([six, move], lr=step.learning_rate)
+    for iteration in range(step.iterations):
+        if step.decay:
+            share = 1 - iteration / step.iterations
+            optimiser.param_groups[0]["lr"] = step.learning_rate * share
+        optimiser.zero_grad(set_to_none=True)
+        translations = _moved(poses.translations, move, shape.radius)
+        loss, _ = _loss(shape, rotation_6d_to_matrix(six), translations, step, view)
+        loss.sum().backward()
+        optimiser.step()
+    with torch.no_grad():
+        rotations = rotation_6d_to_matrix(six)
+        translations = _moved(poses.translations, move, shape.radius)
+        losses, ious = _loss(shape, rotations, translations, step, view)
+    return _sorted(shape, rotations, translations, ious, losses)
+
+
+def narrow(found: Sequence[Poses], step: RefineStep, prune_by: int, view: View) -> list[Poses]:
+    """One round: the exemplars and poses that the step admits, refined, best exemplar first."""
+    ranked = rank(found, prune_by)[: step.exemplars]
+    return rank(
+        [refine(poses.best(step.poses, step.distinct_deg), step, view) for poses in ranked], 1
+    )
+
+
+def rank(found: Sequence[Poses], count: int) -> list[Poses]:
+    """Exemplars by the mean IoU of their `count` best poses, ties by name."""
+    return sorted(found, key=lambda poses: (-poses.merit(count), poses.shape.name))
+
+
+def _moved(start: Tensor, move: Tensor, radius: float) -> Tensor:
+    depth = start[:, 2:] * torch.exp(move[:, 2:])
+    ray = (start[:, :2] + radius * move[:, :2]) / start[:, 2:]
+    return torch.cat((ray * depth, depth), dim=1)
+
+
+def _xy(shape: Shape, rotations: Tensor, translations: Tensor, view: View) -> Tensor:
+    placed = shape.vertices @ rotations.transpose(1, 2) + translations[:, None]
+    return project(placed, view.intrinsics)
+
+
+def _loss(
+    shape: Shape, rotations: Tensor, translations: Tensor, step: RefineStep, view: View
+) -> tuple[Tensor, Tensor]:
+    xy = _xy(shape, rotations, translations, view)
+    return silhouette_loss(xy, shape.topology, view.target, 1.0, step.edge_weight)
+
+
+def _sorted(
+    shape: Shape, rotations: Tensor, translations: Tensor, ious: Tensor, losses: Tensor
+) -> Poses:
+    order = torch.argsort(ious, descending=True, stable=True)
+    return Poses(shape, rotations[order], translations[order], ious[order], losses[order])
