@@ -189,7 +189,7 @@ class Frame(Artifact):
     required_when_ok = ("image", "intrinsics")
 
     dataset: str = ""
-    category: str = ""  # chair, table, keyboard, backpack, ...: the object's row group in the tables
+    category: str = ""  # the object noun: chair, stool, table, keyboard, backpack, ...
     object_name: str = ""  # the data set's own name, e.g. chairblack
     action: str = ""  # the data set's action group, e.g. sit; only evaluation may look at it
     source: str = ""  # file name of the photo

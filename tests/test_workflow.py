@@ -1,0 +1,293 @@
+"""The workflow as users run it, on a data set of two frames.
+
+Every sentence that the documentation says about reruns is proven here by running.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import yaml
+
+REPO = Path(__file__).parents[1]
+TABLE = "results/behave_chair.csv"
+TINY = {
+    "dataset": "behave",
+    "frames": "all",
+    "chunk_size": 1,
+    "detect": {"landmarks": "none"},
+    "exemplars": {"sources": ["procedural"], "k": 3, "procedural_pool": 5, "kmeans_restarts": 1},
+    "objectfit": {"upright": {"num_starts": 60}, "so3": {"num_starts": 60}},
+    "report": {"image_width": 200},
+}
+SEQUENCES = ("Date03_Sub03_chairblack_sit", "Date03_Sub03_chairblack_hand")
+PER_FRAME = ("frames", "detect", "smplify", "objectfit", "actions", "priors", "joint", "evaluate")
+
+pytestmark = pytest.mark.slow
+
+
+class Checkout:
+    """A copy of the repository with a data set of two frames."""
+
+    def __init__(self, folder: Path, behave: Path):
+        self.folder, self.behave = folder, behave
+        for name in ("Snakefile", "workflow", "config", "profiles", "src"):
+            source = REPO / name
+            if source.is_dir():
+                ignore = shutil.ignore_patterns("__pycache__", "*.egg-info")
+                shutil.copytree(source, folder / name, ignore=ignore)
+            else:
+                shutil.copy(source, folder / name)
+        self.configure()
+
+    def configure(self, **changes) -> None:
+        tiny = TINY | {"behave": {"root": str(self.behave)}} | changes
+        (self.folder / "config" / "tiny.yaml").write_text(yaml.safe_dump(tiny))
+
+    def run(self, *arguments: str, target: str | None = TABLE, check: bool = True):
+        command = [sys.executable, "-m", "snakemake", *([target] if target else []), "-j2"]
+        command += ["--configfile", "config/tiny.yaml", *arguments]
+        done = subprocess.run(
+            command,
+            cwd=self.folder,
+            env=os.environ | {"PYTHONPATH": str(self.folder / "src")},
+            capture_output=True,
+            text=True,
+            timeout=900,
+        )
+        output = done.stdout + done.stderr
+        if check:
+            assert done.returncode == 0, output
+        return output
+
+    def planned(self, **kwargs) -> dict[str, int]:
+        """Jobs that a run would start now, by rule; empty when there is nothing to do."""
+        return jobs(self.run("-n", **kwargs))
+
+    def edit(self, path: str, old: str, new: str) -> None:
+        file = self.folder / path
+        text = file.read_text()
+        assert old in text, f"{old!r} is not in {path}"
+        file.write_text(text.replace(old, new, 1))
+
+    def logs(self, stage: str) -> str:
+        return "".join(
+            p.read_text() for p in sorted((self.folder / "logs/behave" / stage).rglob("*.log"))
+        )
+
+
+def jobs(output: str) -> dict[str, int]:
+    table = re.search(r"Job stats:\njob +count\n[- ]+\n(.*?)\ntotal", output, re.DOTALL)
+    if table is None:
+        assert "Nothing to be done" in output, output
+        return {}
+    return {line.split()[0]: int(line.split()[1]) for line in table[1].splitlines() if line.strip()}
+
+
+@pytest.fixture(scope="module")
+def behave(tmp_path_factory):
+    """Two generated frames in BEHAVE's layout."""
+    from hoi.datasets.behave_layout import frame_ref
+    from hoi.datasets.behave_mini.config import BehaveMiniConfig
+    from hoi.datasets.behave_mini.generate import generate_frames
+
+    root = tmp_path_factory.mktemp("behave")
+    refs = [frame_ref(sequence, "t0003.000") for sequence in SEQUENCES]
+    generate_frames(BehaveMiniConfig(image_width=512), root, refs)
+    (root / "split.json").write_text(json.dumps({"train": [], "test": list(SEQUENCES)}))
+    return root
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory, behave):
+    """A checkout whose main table is done."""
+    checkout = Checkout(tmp_path_factory.mktemp("checkout"), behave)
+    checkout.first_output = checkout.run()
+    return checkout
+
+
+@pytest.fixture
+def done(finished):
+    """The finished checkout, put back as it was after each test."""
+    kept = ("config", "src", "workflow")
+    yield finished
+    for name in kept:
+        shutil.rmtree(finished.folder / name)
+        ignore = shutil.ignore_patterns("__pycache__", "*.egg-info")
+        shutil.copytree(REPO / name, finished.folder / name, ignore=ignore)
+    finished.configure()
+
+
+def test_one_command_makes_the_table_with_every_stage(finished):
+    counts = jobs(finished.first_output)
+    assert set(PER_FRAME) <= set(counts)
+    table = pd.read_csv(finished.folder / TABLE)
+    assert set(table["method"]) == {"phosa", "ours"}
+    assert set(table["action"]) == {"sit", "hand", "avg"}
+    assert (table["n"] + table["n_failed"] > 0).all()
+    assert (table["dataset"] == "behave").all() and table["protocol"].str.contains(
+        "Procrustes"
+    ).all()
+    for sequence in SEQUENCES:
+        for stage in ("frames", "detect", "smplify", "actions", "priors", "joint/ours"):
+            assert list((finished.folder / "results/behave" / stage).rglob(f"{sequence}*.npz"))
+
+
+def test_a_second_run_has_nothing_to_do(done):
+    assert done.planned() == {}
+
+
+def test_touching_every_file_recomputes_nothing(done):
+    for path in [
+        *done.folder.rglob("*.py"),
+        *done.folder.rglob("*.smk"),
+        *done.behave.rglob("*.*"),
+    ]:
+        if path.is_file() and ".snakemake" not in path.parts:
+            os.utime(path)
+    assert done.planned() == {}
+
+
+def test_a_moved_checkout_recomputes_nothing(done, tmp_path):
+    shutil.copytree(done.folder, tmp_path / "moved", copy_function=shutil.copyfile)
+    moved = Checkout.__new__(Checkout)
+    moved.folder, moved.behave = tmp_path / "moved", done.behave
+    assert moved.planned() == {}
+
+
+def test_a_comment_or_docstring_recomputes_nothing(done):
+    path = done.folder / "src/hoi/joint/stage.py"
+    path.write_text("# a comment\n" + path.read_text())
+    done.edit("src/hoi/evaluate/stage.py", '"""Measure one', '"""Gauge one')
+    assert done.planned() == {}
+
+
+def test_settings_of_a_stage_that_the_table_does_not_use_recompute_nothing(done):
+    done.configure(report={"image_width": 300}, photos={"folder": "somewhere"})
+    assert done.planned() == {}
+
+
+def test_the_weight_of_the_normal_loss_reruns_the_joint_stage_and_what_follows(done):
+    before = {path: path.stat().st_mtime_ns for path in done.folder.glob("results/behave/*/*.json")}
+    done.edit("config/config.yaml", "normal: 0.01", "normal: 0.02")
+    counts = jobs(done.run())
+    assert counts == {"joint": 2, "evaluate": 2, "table_chair": 1}
+    after = {path: path.stat().st_mtime_ns for path in done.folder.glob("results/behave/*/*.json")}
+    assert after == before  # frames, detect, smplify, actions, priors were not touched
+    done.edit("config/config.yaml", "normal: 0.02", "normal: 0.01")
+    done.run()
+    assert done.logs("joint/ours").count("remembered") == 2  # going back costs nothing
+
+
+@pytest.mark.parametrize(
+    ("module", "old", "new", "stages"),
+    [
+        ("joint/select.py", "def ", "_MARK = 1\n\n\ndef ", {"joint", "evaluate"}),
+        ("evaluate/stage.py", "class ", "_MARK = 1\n\n\nclass ", {"evaluate"}),
+        (
+            "actions/retrieval.py",
+            "def ",
+            "_MARK = 1\n\n\ndef ",
+            {"actions", "priors", "joint", "evaluate"},
+        ),
+    ],
+)
+def test_editing_the_code_of_a_stage_reruns_it_and_what_follows(done, module, old, new, stages):
+    path = done.folder / "src/hoi" / module
+    match = re.search(rf"^{old}", path.read_text(), re.MULTILINE)
+    assert match
+    text = path.read_text()
+    path.write_text(text[: match.start()] + new + text[match.start() + len(old) :])
+    assert set(done.planned()) == {*stages, "table_chair"}
+
+
+def test_two_settings_that_swap_their_values_are_noticed(done):
+    done.edit("config/config.yaml", "contact: 1.0, normal: 0.01", "contact: 0.01, normal: 1.0")
+    assert set(done.planned()) == {"joint", "evaluate", "table_chair"}
+
+
+def test_new_content_under_an_old_time_stamp_reruns_that_frame_alone(done):
+    image = next(done.behave.rglob("*sit*/t*/k1.color.jpg"))
+    content = image.read_bytes()
+    try:
+        image.write_bytes(content + b"\0")  # decodes to the same picture
+        os.utime(image, (946684800, 946684800))
+        planned = done.planned()
+        assert planned["frames"] == 1 and planned["detect"] == 1 and planned["joint"] == 2
+        done.run()
+        # the picture is the same, so is its artifact: what follows is remembered, not computed
+        for stage in ("detect", "smplify", "joint"):
+            assert "remembered" in done.logs(stage)
+    finally:
+        image.write_bytes(content)
+        done.run()
+
+
+def test_deleted_results_come_back_without_computing(done):
+    shutil.rmtree(done.folder / "results")
+    done.run()
+    for stage in ("detect", "smplify", "objectfit", "joint", "evaluate"):
+        lines = done.logs(stage).splitlines()
+        assert lines and all("remembered" in line for line in lines)
+
+
+def test_frames_alone_and_with_any_number_of_jobs_give_the_same_bytes(
+    done, tmp_path_factory, behave
+):
+    other = Checkout(tmp_path_factory.mktemp("one_job"), behave)
+    other.configure(chunk_size=2)
+    shutil.copytree(done.folder / "resources", other.folder / "resources")
+    other.run("-j1")
+
+    def digests(checkout):
+        found = {}
+        for index in (checkout.folder / "results/behave/joint/ours").glob("chair-???.json"):
+            found |= json.loads(index.read_text())["frames"]
+        return found
+
+    assert digests(other) == digests(done)
+
+
+def test_a_frame_without_its_image_is_a_row_not_a_crash(done):
+    image = next(done.behave.rglob("*hand*/t*/k1.color.jpg"))
+    hidden = image.with_suffix(".hidden")
+    image.rename(hidden)
+    try:
+        done.run()
+        table = pd.read_csv(done.folder / TABLE).set_index(["action", "method"])
+        assert table.loc[("hand", "ours"), "n_failed"] == 1
+        assert table.loc[("sit", "ours"), "n"] == 1
+        frames = pd.read_csv(done.folder / "results/behave_chair.frames.csv")
+        assert "image_missing" in set(frames["status"])
+    finally:
+        hidden.rename(image)
+        done.run()
+
+
+def test_no_target_means_everything(done):
+    planned = done.planned(target=None)
+    assert {"ablation", "all"} <= set(planned)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"joints": {}}, "joints: unknown key"),
+        ({"seed": "many"}, "seed"),
+        ({"smplify": {"no_such_number": 1}}, "smplify.no_such_number: unknown key"),
+        ({"tables": {"methods": ["mine"]}}, "no method 'mine'"),
+        ({"behave": {"root": "/nowhere"}}, "/nowhere"),
+    ],
+)
+def test_an_unusable_configuration_stops_with_the_key_named(done, changes, message):
+    done.configure(**changes)
+    output = done.run(check=False)
+    assert message in output and "Traceback" not in output

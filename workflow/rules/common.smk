@@ -1,0 +1,102 @@
+# What every rule shares: the validated configuration, the plan of frames, and the parameters
+# that make a rerun follow content.
+
+import os
+from pathlib import Path
+
+from snakemake.exceptions import WorkflowError
+
+# one thread a job; -j gives the parallelism. Set before any library starts its own pool.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
+
+from hoi.config import read_config
+from hoi.digest import code_digest, environment_digest
+from hoi.errors import HoiError
+from hoi.manifest import PHOTOS, chunk_settings, frame_labels, plan
+
+try:
+    CONFIG = read_config(config)
+except HoiError as error:
+    raise WorkflowError(f"The configuration is not usable.\n{error}")
+
+GROUPS = ("chair", "table", "keyboard", "backpack")
+DATASET = CONFIG.dataset_name
+_PLANS = {}
+
+
+def chunks_of(group):
+    """The chunks of a table group, planned once."""
+    if group not in _PLANS:
+        try:
+            _PLANS[group] = plan(CONFIG, group)
+        except HoiError as error:
+            raise WorkflowError(f"The frames of {group} cannot be listed.\n{error}")
+    return _PLANS[group]
+
+
+def chunk_named(name):
+    group = name.rpartition("-")[0]
+    return next(chunk for chunk in chunks_of(group) if chunk.name == name)
+
+
+def dataset_of(group):
+    return PHOTOS if group == PHOTOS else DATASET
+
+
+def indexes(group, stage):
+    """The indexes of one stage for all chunks of a group."""
+    dataset = dataset_of(group)
+    return [f"results/{dataset}/{stage}/{chunk.name}.json" for chunk in chunks_of(group)]
+
+
+def seconds(group, stages):
+    """The time sheets of some stages for all chunks of a group."""
+    dataset = dataset_of(group)
+    return [
+        f"results/{dataset}/{stage}/{chunk.name}.seconds.json"
+        for stage in stages
+        for chunk in chunks_of(group)
+    ]
+
+
+def stages_of(method):
+    """The stages whose time one method's result takes, in order."""
+    search = CONFIG.methods[method].search
+    return (
+        "frames", "detect", "smplify", f"objectfit/{search}", "actions", "priors",
+        f"joint/{method}",
+    )
+
+
+def exemplar_files(wildcards):
+    return [
+        f"resources/exemplars/{category}.npz"
+        for category in chunk_named(wildcards.chunk).categories
+        if category in KNOWN_CATEGORIES
+    ]
+
+
+def identity(script, settings):
+    """What a result depends on besides its input files: settings, code, library versions, seed.
+
+    One dict, because Snakemake compares the *set* of parameter values: two values that swap
+    places would go unnoticed. Digests, because Snakemake does not look into imported modules.
+    """
+    scripts = Path(workflow.basedir) / "workflow" / "scripts"
+    return {
+        "settings": settings if isinstance(settings, dict) else settings.model_dump(mode="json"),
+        "code": code_digest(str(scripts / f"{script}.py"), str(scripts / "chunk_job.py")),
+        "environment": environment_digest(),
+        "seed": CONFIG.seed,
+    }
+
+
+wildcard_constraints:
+    dataset="behave|behave_mini|photos",
+    chunk=r"[a-z]+-\d{3}",
+    group="|".join(GROUPS),
+    category=r"[a-z_ ]+",
+    search=r"\w+",
+    method=r"\w+",
+    frame=r"[\w.\-]+",

@@ -1,0 +1,100 @@
+# Section 4.2: Procrustes on the body, Chamfer of both, collected into the paper's tables
+
+
+rule evaluate:
+    input:
+        frames="results/{dataset}/frames/{chunk}.json",
+        truth="results/{dataset}/truth/{chunk}.json",
+        joints="results/{dataset}/joint/{method}/{chunk}.json",
+        body_model=CONFIG.assets.body_model,
+    output:
+        index="results/{dataset}/evaluate/{method}/{chunk}.json",
+        seconds="results/{dataset}/evaluate/{method}/{chunk}.seconds.json",
+    params:
+        identity=identity("evaluate", CONFIG.evaluate),
+    message:
+        "Measuring {wildcards.chunk} ({wildcards.method})"
+    log:
+        "logs/{dataset}/evaluate/{method}/{chunk}.log",
+    script:
+        "../scripts/evaluate.py"
+
+
+def table_inputs(group, methods):
+    """Evaluations and time sheets by method."""
+    named = {}
+    for method in methods:
+        named[method] = indexes(group, f"evaluate/{method}")
+        named[f"{method}_seconds"] = seconds(group, stages_of(method))
+    return named
+
+
+def table_params(group, methods):
+    return {
+        "category": group,
+        "methods": list(methods),
+        "masks": CONFIG.detect_settings(dataset_of(group)).masks,
+        "failure_cm": CONFIG.evaluate.failure_cm,
+        "frames": frame_labels(chunks_of(group)),
+        "code": code_digest("hoi.evaluate.tables", "hoi.report.tables"),
+    }
+
+
+for _group in GROUPS:
+
+    rule:
+        name:
+            f"table_{_group}"
+        input:
+            **(table_inputs(_group, CONFIG.tables.methods)),
+        output:
+            csv=report(
+                f"results/behave_{_group}.csv",
+                caption="../report/table.rst",
+                category="Tables",
+                labels={"table": _group, "form": "csv"},
+            ),
+            html=report(
+                f"results/behave_{_group}.html",
+                caption="../report/table.rst",
+                category="Tables",
+                labels={"table": _group, "form": "as in the paper"},
+            ),
+            tex=f"results/behave_{_group}.tex",
+            frames=f"results/behave_{_group}.frames.csv",
+        params:
+            table=table_params(_group, CONFIG.tables.methods),
+        message:
+            f"Collecting results/behave_{_group}.csv"
+        log:
+            f"logs/behave_{_group}.log",
+        script:
+            "../scripts/table.py"
+
+
+rule ablation:
+    input:
+        **table_inputs(CONFIG.tables.ablation_group, CONFIG.tables.ablation),
+    output:
+        csv=report(
+            "results/ablation.csv",
+            caption="../report/ablation.rst",
+            category="Tables",
+            labels={"table": "ablation", "form": "csv"},
+        ),
+        html=report(
+            "results/ablation.html",
+            caption="../report/ablation.rst",
+            category="Tables",
+            labels={"table": "ablation", "form": "as in the paper"},
+        ),
+        tex="results/ablation.tex",
+        frames="results/ablation.frames.csv",
+    params:
+        table=table_params(CONFIG.tables.ablation_group, CONFIG.tables.ablation),
+    message:
+        "Collecting results/ablation.csv"
+    log:
+        "logs/ablation.log",
+    script:
+        "../scripts/table.py"

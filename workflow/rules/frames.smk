@@ -1,0 +1,67 @@
+# Photos and truth enter here once, with their intrinsics, as artifacts.
+
+
+rule behave_mini:
+    # generate the embedded data set, in BEHAVE's own layout
+    input:
+        assets=BEHAVE_MINI_ASSETS,
+    output:
+        "resources/behave_mini/chunks/{chunk}.json",
+    params:
+        frames=lambda wildcards: chunk_named(wildcards.chunk).frame_ids,
+        identity=identity("behave_mini", CONFIG.behave_mini_settings),
+    message:
+        "Generating the frames of {wildcards.chunk} (embedded data set)"
+    log:
+        "logs/behave_mini/{chunk}.log",
+    resources:
+        mem_mb=2000,
+    script:
+        "../scripts/behave_mini.py"
+
+
+def generated_frames(wildcards):
+    if wildcards.dataset == "behave_mini":
+        return f"resources/behave_mini/chunks/{wildcards.chunk}.json"
+    return []
+
+
+rule frames:
+    # BEHAVE, real or embedded: one reader
+    input:
+        generated=generated_frames,
+    output:
+        index="results/{dataset}/frames/{chunk}.json",
+        seconds="results/{dataset}/frames/{chunk}.seconds.json",
+        truth="results/{dataset}/truth/{chunk}.json",
+        truth_seconds="results/{dataset}/truth/{chunk}.seconds.json",
+    wildcard_constraints:
+        dataset="behave|behave_mini",
+    params:
+        frames=lambda wildcards: chunk_settings(chunk_named(wildcards.chunk)),
+        identity=identity("frames", {}),
+        root=lambda wildcards: (
+            "resources/behave_mini" if wildcards.dataset == "behave_mini" else CONFIG.behave.root
+        ),
+    message:
+        "Reading the frames of {wildcards.chunk} ({wildcards.dataset})"
+    log:
+        "logs/{dataset}/frames/{chunk}.log",
+    script:
+        "../scripts/frames.py"
+
+
+rule photos:
+    # a folder of photos
+    output:
+        index="results/photos/frames/{chunk}.json",
+        seconds="results/photos/frames/{chunk}.seconds.json",
+    params:
+        frames=lambda wildcards: chunk_settings(chunk_named(wildcards.chunk)),
+        identity=identity("photos", CONFIG.photos),
+    message:
+        "Reading the photos of {wildcards.chunk}"
+    log:
+        "logs/photos/frames/{chunk}.log",
+    script:
+        "../scripts/photos.py"

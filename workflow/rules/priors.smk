@@ -1,0 +1,19 @@
+# Section 3.3: what the language model says of the object and the action
+
+
+rule priors:
+    input:
+        frames="results/{dataset}/frames/{chunk}.json",
+        actions="results/{dataset}/actions/{chunk}.json",
+        answers=PRIOR_TABLES,
+    output:
+        index="results/{dataset}/priors/{chunk}.json",
+        seconds="results/{dataset}/priors/{chunk}.seconds.json",
+    params:
+        identity=identity("priors", CONFIG.priors),
+    message:
+        "Looking up priors for {wildcards.chunk}"
+    log:
+        "logs/{dataset}/priors/{chunk}.log",
+    script:
+        "../scripts/priors.py"

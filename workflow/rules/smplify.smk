@@ -1,0 +1,22 @@
+# Section 3.1, Equation 1: fit the body to the keypoints
+
+
+rule smplify:
+    input:
+        frames="results/{dataset}/frames/{chunk}.json",
+        detections="results/{dataset}/detect/{chunk}.json",
+        body_model=CONFIG.assets.body_model,
+        pose_database=CONFIG.assets.pose_database,
+    output:
+        index="results/{dataset}/smplify/{chunk}.json",
+        seconds="results/{dataset}/smplify/{chunk}.seconds.json",
+    params:
+        identity=identity("smplify", CONFIG.smplify),
+    message:
+        "Fitting bodies in {wildcards.chunk}"
+    log:
+        "logs/{dataset}/smplify/{chunk}.log",
+    resources:
+        mem_mb=2000,
+    script:
+        "../scripts/smplify.py"

@@ -1,0 +1,37 @@
+"""Collect the evaluations of several methods into one result table (Section 4.2)."""
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import pandas as pd
+from chunk_job import logged
+from snakemake.script import snakemake
+
+from hoi.artifacts import Evaluation
+from hoi.chunks import read_artifacts
+from hoi.evaluate.tables import evaluation_frame, summarise
+from hoi.report.tables import to_html, to_latex
+
+table = snakemake.params.table
+with logged(snakemake):
+    per_method = []
+    for method in table["methods"]:
+        seconds: Counter[str] = Counter()
+        for path in snakemake.input[f"{method}_seconds"]:
+            seconds.update(json.loads(Path(path).read_text()))
+        evaluations = [
+            evaluation
+            for index in snakemake.input[method]
+            for evaluation in read_artifacts(Evaluation, index)
+        ]
+        labels = {key: value | {"method": method} for key, value in table["frames"].items()}
+        per_method.append(evaluation_frame(evaluations, labels, dict(seconds)))
+    frames = pd.concat(per_method, ignore_index=True)
+    summary = summarise(
+        frames, table["category"], table["methods"], table["masks"], table["failure_cm"]
+    )
+    frames.to_csv(snakemake.output.frames, index=False, float_format="%.3f")
+    summary.to_csv(snakemake.output.csv, index=False, float_format="%.3f")
+    Path(snakemake.output.html).write_text(to_html(summary))
+    Path(snakemake.output.tex).write_text(to_latex(summary))
