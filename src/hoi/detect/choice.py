@@ -1,12 +1,14 @@
 """Which person and which object: the written rule, and a verdict for every box that lost.
 
-1. People scoring under the threshold are out (``below_threshold``); so is anyone whose box is
-   smaller than a share of the largest one's (``background_person``).
+1. People scoring under the threshold are out (``below_threshold``); so is a box that lies mostly in
+   that of a surer person (``same_person``: a part of the body, or its double), and one that is
+   smaller than a share of the largest person's (``background_person``).
 2. Boxes whose class does not stand for the category are out (``other_class``); the others' scores
    are weighted (look-alike classes count less) and compared with the threshold.
 3. Every remaining pair is rated ``person score x object score x nearness x size``: nearness falls
-   linearly from 1 where the boxes touch to 0 at the reach, size is the square root of the person's
-   area over the largest person's. The best pair is chosen, the earlier box winning a tie.
+   linearly from 1 where the boxes touch to 0 at the reach, and is 0 where both boxes are the same
+   (``same_as_person``); size is the square root of the person's area over the largest person's.
+   The best pair is chosen, the earlier box winning a tie.
 """
 
 from __future__ import annotations
@@ -15,8 +17,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hoi.artifacts import Candidate
-from hoi.detect.backends import DetectedBox
-from hoi.detect.boxes import area, gap, longer_side
+from hoi.detect.backends import Box, DetectedBox
+from hoi.detect.boxes import area, gap, longer_side, overlap, shared_area
 from hoi.detect.config import DetectConfig
 from hoi.detect.labels import PERSON
 from hoi.errors import FrameFailure
@@ -48,30 +50,17 @@ def choose(boxes: Sequence[DetectedBox], weights: dict[str, float], config: Dete
         weights: detector label -> factor on its score, for the frame's category.
         config: thresholds and reach.
     """
-    verdicts = [""] * len(boxes)
-    people, objects = [], []
-    largest = max((area(item.box) for item in boxes if _is_person(item, config)), default=0.0)
-    for index, item in enumerate(boxes):
-        if item.label == PERSON:
-            if item.score < config.person_threshold:
-                verdicts[index] = "below_threshold"
-            elif area(item.box) < config.rival_area * largest:
-                verdicts[index] = "background_person"
-            else:
-                people.append(index)
-        elif item.label not in weights:
-            verdicts[index] = "other_class"
-        elif item.score * weights[item.label] < config.object_threshold:
-            verdicts[index] = "below_threshold"
-        else:
-            objects.append(index)
+    verdicts = [_screen(index, boxes, weights, config) for index in range(len(boxes))]
+    open_cases = [index for index, verdict in enumerate(verdicts) if not verdict]
+    people = [index for index in open_cases if boxes[index].label == PERSON]
+    objects = [index for index in open_cases if boxes[index].label != PERSON]
+    largest = max((area(boxes[index].box) for index in people), default=0.0)
 
     def rating(person: int, thing: int) -> float:
         body, candidate = boxes[person], boxes[thing]
-        distance = gap(body.box, candidate.box) / max(longer_side(body.box), 1e-9)
-        nearness = max(1 - distance / config.reach, 0.0)
         score = candidate.score * weights[candidate.label]
-        return body.score * score * nearness * (area(body.box) / largest) ** 0.5
+        size = (area(body.box) / largest) ** 0.5
+        return body.score * score * _nearness(body.box, candidate.box, config) * size
 
     pairs = [(rating(person, thing), -person, -thing) for person in people for thing in objects]
     best = max(pairs, default=(0.0, 0, 0))
@@ -87,13 +76,54 @@ def choose(boxes: Sequence[DetectedBox], weights: dict[str, float], config: Dete
     for index in objects:
         verdicts[index] = CHOSEN if index == thing else "other_object"
         if person is not None and rating(person, index) == 0:
-            verdicts[index] = "too_far_from_person"
+            same = _same_thing(boxes[person].box, boxes[index].box, config)
+            verdicts[index] = "same_as_person" if same else "too_far_from_person"
     return Choice(
         None if person is None else boxes[person],
         None if thing is None else boxes[thing],
         tuple(verdicts),
         max(len(people) - 1, 0),
     )
+
+
+def _screen(
+    index: int, boxes: Sequence[DetectedBox], weights: dict[str, float], config: DetectConfig
+) -> str:
+    """Why a box is out of the question whatever it is paired with; empty when it is not."""
+    item = boxes[index]
+    if item.label != PERSON:
+        if item.label not in weights:
+            return "other_class"
+        low = item.score * weights[item.label] < config.object_threshold
+        return "below_threshold" if low else ""
+    if item.score < config.person_threshold:
+        return "below_threshold"
+    people = [other for other in boxes if other.label == PERSON and other is not item]
+    certain = [other for other in people if other.score >= config.person_threshold]
+    if any(
+        other.score > item.score and _share(item.box, other.box) >= config.same_person
+        for other in certain
+    ):
+        return "same_person"
+    largest = max((area(other.box) for other in certain), default=0.0)
+    return "background_person" if area(item.box) < config.rival_area * largest else ""
+
+
+def _share(first: Box, second: Box) -> float:
+    """Shared area as a share of the smaller box."""
+    smaller = min(area(first), area(second))
+    return shared_area(first, second) / smaller if smaller > 0 else 1.0
+
+
+def _same_thing(person: Box, thing: Box, config: DetectConfig) -> bool:
+    return overlap(person, thing) >= config.same_thing
+
+
+def _nearness(person: Box, thing: Box, config: DetectConfig) -> float:
+    if _same_thing(person, thing, config):
+        return 0.0
+    distance = gap(person, thing) / max(longer_side(person), 1e-9)
+    return max(1 - distance / config.reach, 0.0)
 
 
 def person_failure(boxes: Sequence[DetectedBox], config: DetectConfig) -> FrameFailure:
@@ -122,14 +152,11 @@ def object_failure(
         reason = "the detector sees none"
     else:
         score, label = max(scores)
-        near = "too far from the person" if score >= config.object_threshold else "too low"
+        low = score < config.object_threshold
+        near = "too low" if low else "but lies too far away or on the person"
         reason = f"the best box ({label}) scores {score:.2f}, {near}"
     return FrameFailure(
         "no_object_detected",
         f"no {category or 'object'} next to the person: {reason}; "
         f"the threshold is {config.object_threshold}",
     )
-
-
-def _is_person(item: DetectedBox, config: DetectConfig) -> bool:
-    return item.label == PERSON and item.score >= config.person_threshold

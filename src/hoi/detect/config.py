@@ -152,6 +152,20 @@ class DetectConfig(Settings):
         "person's box, at which a pair is too far apart to interact.",
     )
 
+    same_person: float = Field(
+        default=0.7,
+        gt=0,
+        le=1,
+        description="Two people's boxes that share this much of the smaller one are one person.",
+    )
+    same_thing: float = Field(
+        default=0.75,
+        gt=0,
+        le=1,
+        description="An object's box that overlaps the person's this much (IoU) shows the person: "
+        "a small detector answers surfboard for a surfer.",
+    )
+
     minimum_mask_pixels: int = Field(
         default=16, ge=1, description="Masks with fewer pixels are empty."
     )
