@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from functools import cache
 
 import numpy as np
@@ -27,6 +28,7 @@ def environment():
         keep_trailing_newline=True,
     )
     found.filters["curve"] = curve_points
+    found.filters["losses"] = loss_symbols
     return found
 
 
@@ -46,6 +48,18 @@ def image_url(image: np.ndarray, config: ReportConfig) -> str:
     """A ``data:`` URL with the JPEG of an RGB picture."""
     encoded = base64.b64encode(jpeg(image, config.jpeg_quality)).decode("ascii")
     return f"data:image/jpeg;base64,{encoded}"
+
+
+def loss_symbols(text: str):
+    """The text escaped, with ``L_contact`` and its like set as the loss's symbol."""
+    import markupsafe
+
+    pieces = re.split(r"\bL_([a-z]+)\b", text)
+    symbol = markupsafe.Markup("<i>L</i><sub>{}</sub>")
+    return markupsafe.Markup("").join(
+        symbol.format(piece) if odd % 2 else markupsafe.escape(piece)
+        for odd, piece in enumerate(pieces)
+    )
 
 
 def curve_points(values: tuple[float, ...]) -> str:

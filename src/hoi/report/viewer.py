@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import base64
 import gzip
+import io
+import zipfile
 from functools import cache
 
 from hoi.errors import AssetError
@@ -24,14 +26,14 @@ def three_js() -> str:
     Raises AssetError when the installed trimesh no longer ships them in the known form.
     """
     import trimesh
-    from trimesh import resources, util
+    from trimesh import resources
 
     try:
-        archive = util.decompress(resources.get_bytes("templates/viewer.zip"), file_type="zip")
-        template = archive["viewer.html.template"].read().decode("utf-8")
+        with zipfile.ZipFile(io.BytesIO(resources.get_bytes("templates/viewer.zip"))) as archive:
+            template = archive.read("viewer.html.template").decode("utf-8")
         start = template.index(_START) + len(_START)
         script = template[start : template.index(_END)]
-    except (KeyError, ValueError, OSError) as error:
+    except (KeyError, ValueError, OSError, zipfile.BadZipFile) as error:
         raise AssetError(
             f"trimesh {trimesh.__version__} does not hold the 3D viewer in the form known from "
             "5.2: install trimesh 5.2 or report this"
