@@ -22,6 +22,7 @@ from torch import Tensor
 from hoi.body.files import BodyFile, read_body_file
 from hoi.body.keypoints import KEYPOINTS, SURFACE_KEYPOINTS
 from hoi.body.skeleton import JOINT, JOINT_NAMES, NUM_JOINTS, PARENTS, levels
+from hoi.geometry import axis_angle_to_matrix
 
 _LEVELS = levels()
 _BY_LEVEL = [joint for level in _LEVELS for joint in level]
@@ -151,7 +152,7 @@ class _Pose:
             raise ValueError(f"betas {tuple(betas.shape)} should be ({batch}, {model.num_betas})")
         self.betas = betas
         axis_angle = torch.cat([global_orient, body_pose], dim=1).view(batch, NUM_JOINTS, 3)
-        self.local = rotation_matrices(axis_angle)
+        self.local = axis_angle_to_matrix(axis_angle)
         self.rest = model._joint_template + (betas @ model._joint_dirs.T).view(-1, NUM_JOINTS, 3)
         self.world = posed_transforms(self.local, self.rest)
 
@@ -197,19 +198,6 @@ def posed_transforms(local: Tensor, rest: Tensor) -> Tensor:
         shift = torch.nn.functional.pad(parent[..., 3:], (3, 0))
         done.append(moved + shift)
     return torch.cat(done, dim=1)[:, _FROM_BY_LEVEL]
-
-
-def rotation_matrices(axis_angle: Tensor) -> Tensor:
-    """Rodrigues' formula: (..., 3) radians to (..., 3, 3), smooth through zero."""
-    # the offset keeps the gradient finite at zero; it changes angles by less than 1e-8 rad
-    angle = (axis_angle.square().sum(-1, keepdim=True) + 1e-16).sqrt()
-    x, y, z = (axis_angle / angle).unbind(-1)
-    zero = torch.zeros_like(x)
-    cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=-1)
-    cross = cross.view(*axis_angle.shape[:-1], 3, 3)
-    sin, cos = angle.sin()[..., None], angle.cos()[..., None]
-    identity = torch.eye(3, dtype=axis_angle.dtype, device=axis_angle.device)
-    return identity + sin * cross + (1 - cos) * (cross @ cross)
 
 
 def _shift(points: Tensor, transl: Tensor | None) -> Tensor:

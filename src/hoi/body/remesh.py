@@ -24,8 +24,11 @@ def remesh(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndar
     import fast_simplification
 
     reduction = 1 - 2 * _DECIMATED_SHARE * count / len(faces)
-    coarse, coarse_faces = fast_simplification.simplify(
-        vertices.astype(np.float32), faces.astype(np.int32), target_reduction=reduction, agg=3
+    coarse, coarse_faces = fast_simplification.simplify(  # type: ignore[misc]
+        vertices.astype(np.float32),  # type: ignore[arg-type]
+        faces.astype(np.int32),
+        target_reduction=reduction,
+        agg=3,
     )
     return bisect_longest_edges(coarse.astype(np.float64), coarse_faces.astype(np.int64), count)
 
