@@ -11,12 +11,10 @@ import torch
 from torch import Tensor
 
 from hoi.exemplars import Exemplar
-from hoi.geometry import matrix_to_rotation_6d, project, rotation_6d_to_matrix
+from hoi.geometry import matrix_to_rotation_6d, rotation_6d_to_matrix
 from hoi.objectfit.config import RefineStep
 from hoi.objectfit.starts import align_to_boxes, support_vertices
-from hoi.rendering import MeshTopology, SilhouetteTarget, silhouette_iou, silhouette_loss
-
-_SCORE_BATCH = 500  # poses projected at once: 500 x 1000 vertices are 4 MB
+from hoi.rendering import MeshTopology, SilhouetteTarget, pose_silhouette_iou, pose_silhouette_loss
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,13 +104,8 @@ def distinct(rotations: Tensor, angle: float, count: int) -> list[int]:
 def score_starts(shape: Shape, rotations: Tensor, boxes: Tensor, view: View) -> Poses:
     """Place the exemplar at each start so that it fills its box, and measure the overlap."""
     translations = align_to_boxes(shape.support, rotations, boxes, view.intrinsics)
-    ious = torch.cat(
-        [
-            silhouette_iou(_xy(shape, r, t, view), shape.topology, view.target)
-            for r, t in zip(
-                rotations.split(_SCORE_BATCH), translations.split(_SCORE_BATCH), strict=True
-            )
-        ]
+    ious = pose_silhouette_iou(
+        shape.vertices, rotations, translations, view.intrinsics, shape.topology, view.target
     )
     return _sorted(shape, rotations, translations, ious, torch.zeros_like(ious))
 
@@ -162,16 +155,13 @@ def _moved(start: Tensor, move: Tensor, radius: float) -> Tensor:
     return torch.cat((ray * depth, depth), dim=1)
 
 
-def _xy(shape: Shape, rotations: Tensor, translations: Tensor, view: View) -> Tensor:
-    placed = shape.vertices @ rotations.transpose(1, 2) + translations[:, None]
-    return project(placed, view.intrinsics)
-
-
 def _loss(
     shape: Shape, rotations: Tensor, translations: Tensor, step: RefineStep, view: View
 ) -> tuple[Tensor, Tensor]:
-    xy = _xy(shape, rotations, translations, view)
-    return silhouette_loss(xy, shape.topology, view.target, 1.0, step.edge_weight)
+    return pose_silhouette_loss(
+        shape.vertices, rotations, translations, view.intrinsics, shape.topology, view.target,
+        1.0, step.edge_weight,
+    )  # fmt: skip
 
 
 def _sorted(

@@ -8,7 +8,13 @@ wrongly but finitely, while :func:`depth_map` clips at the near plane exactly.
 
 from hoi.rendering.depth import depth_map
 from hoi.rendering.roi import Roi, crop_mask, intrinsics_for
-from hoi.rendering.silhouette import render_silhouette, silhouette_iou, silhouette_loss
+from hoi.rendering.silhouette import (
+    pose_silhouette_iou,
+    pose_silhouette_loss,
+    render_silhouette,
+    silhouette_iou,
+    silhouette_loss,
+)
 from hoi.rendering.target import SilhouetteTarget
 from hoi.rendering.topology import MeshTopology
 from hoi.rendering.warmup import warm_up
@@ -20,6 +26,8 @@ __all__ = [
     "crop_mask",
     "depth_map",
     "intrinsics_for",
+    "pose_silhouette_iou",
+    "pose_silhouette_loss",
     "render_silhouette",
     "silhouette_iou",
     "silhouette_loss",

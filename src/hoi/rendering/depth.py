@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from hoi.geometry.camera import NEAR
 from hoi.rendering import kernels
-
-NEAR = 1e-2  # metres, as in hoi.geometry.project
 
 
 def depth_map(

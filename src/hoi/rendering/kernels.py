@@ -15,12 +15,14 @@ holds the compiled function. Kernels use one thread and release the interpreter 
 """
 
 import math
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
 
 HALF = np.float32(0.5)
 ONE = np.float32(1.0)
+TWO = np.float32(2.0)
 # Faces that reach further than this many pixels from the image corner are left out: beyond it
 # float32 no longer places a crossing within a tenth of a pixel.
 FARTHEST_PIXEL = np.float32(1e6)
@@ -28,6 +30,62 @@ FARTHEST_PIXEL = np.float32(1e6)
 # Plain fast maths would let the compiler assume that no NaN exists, and with it drop the checks
 # that keep NaN out; only re-association and contraction are allowed.
 _SAFE_MATH = {"reassoc", "contract", "arcp", "nsz"}
+
+
+class Mesh(NamedTuple):
+    """The tables of a MeshTopology."""
+
+    faces: np.ndarray
+    edges: np.ndarray
+    edge_faces: np.ndarray
+
+
+class Target(NamedTuple):
+    """The tables of a SilhouetteTarget."""
+
+    mask: np.ndarray
+    keep: np.ndarray
+    edge_distance: np.ndarray
+    prefix: np.ndarray
+    base_loss: np.float32
+
+
+class Weights(NamedTuple):
+    """Of the two parts of the loss."""
+
+    mask: np.float32
+    edge: np.float32
+
+
+class Scratch(NamedTuple):
+    """Working memory of one call; between meshes `delta` and `change` are 0, `owner` is -1."""
+
+    covered: np.ndarray  # (H, W) whether the pixel centre is covered
+    delta: np.ndarray  # (H, W + 1) change of the winding number; wraps around harmlessly
+    sign: np.ndarray  # (F,) way each face turns on screen
+    chosen: np.ndarray  # (E + 1,) outline edges
+    multiplicity: np.ndarray  # (E + 1,) of each chosen edge
+    position: np.ndarray  # (2, H, W) where an edge separates a pixel pair
+    owner: np.ndarray  # (2, H, W) that edge
+    pairs: np.ndarray  # (2 H W,) the separated pairs
+    change: np.ndarray  # (H, W) blended coverage minus hard coverage
+    sums: np.ndarray  # (3,) prefix table summed over the silhouette
+
+
+@nb.njit
+def _scratch(mesh, height, width):
+    return Scratch(
+        np.zeros((height, width), np.uint8),
+        np.zeros((height, width + 1), np.int16),
+        np.empty(mesh.faces.shape[0], np.int8),
+        np.empty(mesh.edges.shape[0] + 1, np.int32),
+        np.empty(mesh.edges.shape[0] + 1, np.int16),
+        np.empty((2, height, width), np.float32),
+        np.full((2, height, width), -1, np.int32),
+        np.empty(2 * height * width, np.int32),
+        np.zeros((height, width), np.float32),
+        np.zeros(3, np.float64),
+    )
 
 
 @nb.njit(fastmath=_SAFE_MATH)
@@ -260,162 +318,227 @@ def _unit(value):
     return min(max(value, np.float32(0)), ONE)
 
 
-@nb.njit(cache=True, nogil=True, fastmath=_SAFE_MATH)
-def loss_and_gradient(
-    xy, faces, edges, edge_faces, mask, keep, edge_distance, prefix, base_loss,
-    mask_weight, edge_weight, loss, intersection, area, grad,
-):  # fmt: skip
-    """Fused loss, soft overlap and gradient of B meshes against one target; grad starts at zero."""
-    height, width = mask.shape
-    covered = np.zeros((height, width), np.uint8)
-    delta = np.zeros((height, width + 1), np.int16)
-    sign = np.empty(faces.shape[0], np.int8)
-    chosen = np.empty(edges.shape[0] + 1, np.int32)
-    multiplicity = np.empty(edges.shape[0] + 1, np.int16)
-    position = np.empty((2, height, width), np.float32)
-    owner = np.full((2, height, width), -1, np.int32)
-    pairs = np.empty(2 * height * width, np.int32)
-    change = np.zeros((height, width), np.float32)
-    sums = np.zeros(3, np.float64)
-    for b in range(xy.shape[0]):
-        points = xy[b]
-        _orient_faces(points, faces, sign)
-        count = _outline_edges(edges, edge_faces, sign, chosen, multiplicity)
-        row0, row1, col0, col1 = _pixel_window(points, edges, chosen, count, height, width)
-        _mark_crossings(points, edges, chosen, multiplicity, count, height, width, delta)
-        _sum_runs(delta, covered, prefix, row0, row1, col0, col1, width, sums)
-        found = _boundary_pairs(
-            points, edges, chosen, count, covered, height, width, position, owner, pairs
-        )
-        total = mask_weight * (base_loss + sums[0])
-        shared, own = sums[1], sums[2]
-        for k in range(found):
-            r, c, amount = _blend(pairs[k], position, width)
-            hard = np.float32(covered[r, c])
-            old = _unit(hard + change[r, c])
-            change[r, c] += amount
-            new = _unit(hard + change[r, c])
-            weight, wanted = keep[r, c], mask[r, c]
-            total += mask_weight * weight * (new - old) * (new + old - 2 * wanted)
-            shared += weight * wanted * (new - old)
-            own += weight * (new - old)
-        for k in range(found):
-            pair = pairs[k]
-            r, c, _ = _blend(pair, position, width)
-            blended = _unit(np.float32(covered[r, c]) + change[r, c])
-            direction = np.float32(2 * (pair & 1) - 1)
-            pull = 2 * mask_weight * keep[r, c] * (blended - mask[r, c]) * direction
-
-            axis = (pair >> 1) & 1
-            r0 = (pair >> 2) // width
-            c0 = (pair >> 2) - r0 * width
-            r1, c1 = (r0, c0 + 1) if axis == 0 else (r0 + 1, c0)
-            slack = edge_distance[r1, c1] - edge_distance[r0, c0]
-            weight = edge_weight * min(keep[r0, c0], keep[r1, c1])
-            fraction = position[axis, r0, c0] - np.float32(c0 if axis == 0 else r0) - HALF
-            total += weight * (edge_distance[r0, c0] + fraction * slack)
-            _push_edge(points, edges, pair, owner, width, pull + weight * slack, grad[b])
-        for k in range(found):
-            pair = pairs[k]
-            r, c, _ = _blend(pair, position, width)
-            change[r, c] = 0
-        for k in range(found):
-            pixel = pairs[k] >> 2
-            owner[(pairs[k] >> 1) & 1, pixel // width, pixel % width] = -1
-        loss[b] = total
-        intersection[b] = shared
-        area[b] = own
+@nb.njit(fastmath=_SAFE_MATH)
+def _outline(points, mesh, height, width, work):
+    """Choose the outline's edges and mark their crossings; edge count and pixel window."""
+    _orient_faces(points, mesh.faces, work.sign)
+    count = _outline_edges(mesh.edges, mesh.edge_faces, work.sign, work.chosen, work.multiplicity)
+    window = _pixel_window(points, mesh.edges, work.chosen, count, height, width)
+    _mark_crossings(
+        points, mesh.edges, work.chosen, work.multiplicity, count, height, width, work.delta
+    )
+    return count, window
 
 
-@nb.njit(cache=True, nogil=True, fastmath=_SAFE_MATH)
-def overlap(xy, faces, edges, edge_faces, prefix, intersection, area):
-    """Weighted intersection with the target and own area of B silhouettes, hard coverage."""
+@nb.njit(fastmath=_SAFE_MATH)
+def _separated_pairs(points, mesh, count, height, width, work):
+    return _boundary_pairs(
+        points, mesh.edges, work.chosen, count, work.covered, height, width, work.position,
+        work.owner, work.pairs,
+    )  # fmt: skip
+
+
+@nb.njit(fastmath=_SAFE_MATH)
+def _forget_pairs(found, width, work):
+    for k in range(found):
+        pixel = work.pairs[k] >> 2
+        work.owner[(work.pairs[k] >> 1) & 1, pixel // width, pixel % width] = -1
+
+
+@nb.njit(fastmath=_SAFE_MATH)
+def _overlap(points, mesh, prefix, work):
+    """Leaves the prefix table's sums over one hard silhouette in work.sums."""
     height, width = prefix.shape[0], prefix.shape[1] - 1
-    covered = np.zeros((height, width), np.uint8)
-    delta = np.zeros((height, width + 1), np.int16)
-    sign = np.empty(faces.shape[0], np.int8)
-    chosen = np.empty(edges.shape[0] + 1, np.int32)
-    multiplicity = np.empty(edges.shape[0] + 1, np.int16)
-    sums = np.zeros(3, np.float64)
-    for b in range(xy.shape[0]):
-        points = xy[b]
-        _orient_faces(points, faces, sign)
-        count = _outline_edges(edges, edge_faces, sign, chosen, multiplicity)
-        row0, row1, col0, col1 = _pixel_window(points, edges, chosen, count, height, width)
-        _mark_crossings(points, edges, chosen, multiplicity, count, height, width, delta)
-        _sum_runs(delta, covered, prefix, row0, row1, col0, col1, width, sums)
-        intersection[b] = sums[1]
-        area[b] = sums[2]
+    _, (row0, row1, col0, col1) = _outline(points, mesh, height, width, work)
+    _sum_runs(work.delta, work.covered, prefix, row0, row1, col0, col1, width, work.sums)
+
+
+@nb.njit(fastmath=_SAFE_MATH)
+def _compare(points, mesh, target, weights, work, grad):
+    """Loss, soft intersection and soft area of one mesh; adds d(loss)/d(points) to grad (V, 2)."""
+    height, width = target.mask.shape
+    covered, change, position, pairs = work.covered, work.change, work.position, work.pairs
+    count, (row0, row1, col0, col1) = _outline(points, mesh, height, width, work)
+    _sum_runs(work.delta, covered, target.prefix, row0, row1, col0, col1, width, work.sums)
+    found = _separated_pairs(points, mesh, count, height, width, work)
+
+    mask_loss = target.base_loss + work.sums[0]
+    shared, own = work.sums[1], work.sums[2]
+    for k in range(found):
+        r, c, amount = _blend(pairs[k], position, width)
+        hard = np.float32(covered[r, c])
+        old = _unit(hard + change[r, c])
+        change[r, c] += amount
+        new = _unit(hard + change[r, c])
+        keep, wanted = target.keep[r, c], target.mask[r, c]
+        mask_loss += keep * (new - old) * (new + old - TWO * wanted)
+        shared += keep * wanted * (new - old)
+        own += keep * (new - old)
+
+    edge_loss = 0.0
+    for k in range(found):
+        pair = pairs[k]
+        r, c, _ = _blend(pair, position, width)
+        blended = _unit(np.float32(covered[r, c]) + change[r, c])
+        direction = ONE if pair & 1 == 1 else -ONE
+        pull = TWO * target.keep[r, c] * (blended - target.mask[r, c]) * direction
+
+        axis = (pair >> 1) & 1
+        r0 = (pair >> 2) // width
+        c0 = (pair >> 2) - r0 * width
+        r1, c1 = (r0, c0 + 1) if axis == 0 else (r0 + 1, c0)
+        distance = target.edge_distance[r0, c0]
+        slack = target.edge_distance[r1, c1] - distance
+        keep = min(target.keep[r0, c0], target.keep[r1, c1])
+        fraction = position[axis, r0, c0] - np.float32(c0 if axis == 0 else r0) - HALF
+        edge_loss += keep * (distance + fraction * slack)
+        total_pull = weights.mask * pull + weights.edge * keep * slack
+        _push_edge(points, mesh.edges, pair, work.owner, width, total_pull, grad)
+    for k in range(found):
+        r, c, _ = _blend(pairs[k], position, width)
+        change[r, c] = 0
+    _forget_pairs(found, width, work)
+    return weights.mask * mask_loss + weights.edge * edge_loss, shared, own
+
+
+@nb.njit(fastmath=_SAFE_MATH)
+def _place(vertices, linear, shift, intrinsics, near, points):
+    """Image coordinates (V, 2) of ``vertices @ linear.T + shift``; depth clamped to near."""
+    fx, fy = intrinsics[0, 0], intrinsics[1, 1]
+    cx, cy = intrinsics[0, 2], intrinsics[1, 2]
+    for v in range(vertices.shape[0]):
+        a, b, c = vertices[v, 0], vertices[v, 1], vertices[v, 2]
+        z = max(linear[2, 0] * a + linear[2, 1] * b + linear[2, 2] * c + shift[2], near)
+        x = linear[0, 0] * a + linear[0, 1] * b + linear[0, 2] * c + shift[0]
+        y = linear[1, 0] * a + linear[1, 1] * b + linear[1, 2] * c + shift[1]
+        inverse = ONE / z
+        points[v, 0] = x * inverse * fx + cx
+        points[v, 1] = y * inverse * fy + cy
+
+
+@nb.njit(fastmath=_SAFE_MATH)
+def _pull_back(vertices, linear, shift, intrinsics, near, points, grad, linear_grad, shift_grad):
+    """Chain d(loss)/d(points) to the placement, written over the two last; zeroes grad."""
+    fx, fy = intrinsics[0, 0], intrinsics[1, 1]
+    cx, cy = intrinsics[0, 2], intrinsics[1, 2]
+    linear_grad[:] = 0
+    shift_grad[:] = 0
+    for v in range(vertices.shape[0]):
+        gu, gv = grad[v, 0], grad[v, 1]
+        if gu == 0 and gv == 0:
+            continue
+        grad[v, 0] = 0
+        grad[v, 1] = 0
+        a, b, c = vertices[v, 0], vertices[v, 1], vertices[v, 2]
+        z = linear[2, 0] * a + linear[2, 1] * b + linear[2, 2] * c + shift[2]
+        inverse = ONE / max(z, near)
+        gx, gy = gu * fx * inverse, gv * fy * inverse
+        gz = np.float32(0)
+        if z > near:
+            gz = -(gu * (points[v, 0] - cx) + gv * (points[v, 1] - cy)) * inverse
+        shift_grad[0] += gx
+        shift_grad[1] += gy
+        shift_grad[2] += gz
+        linear_grad[0, 0] += gx * a
+        linear_grad[0, 1] += gx * b
+        linear_grad[0, 2] += gx * c
+        linear_grad[1, 0] += gy * a
+        linear_grad[1, 1] += gy * b
+        linear_grad[1, 2] += gy * c
+        linear_grad[2, 0] += gz * a
+        linear_grad[2, 1] += gz * b
+        linear_grad[2, 2] += gz * c
 
 
 @nb.njit(cache=True, nogil=True, fastmath=_SAFE_MATH)
-def render_images(xy, faces, edges, edge_faces, antialias, image):
+def loss_and_gradient(xy, mesh, target, weights, loss, intersection, area, grad):
+    """Fused loss, soft overlap and gradient of B meshes against one target; grad starts at zero."""
+    height, width = target.mask.shape
+    work = _scratch(mesh, height, width)
+    for b in range(xy.shape[0]):
+        loss[b], intersection[b], area[b] = _compare(xy[b], mesh, target, weights, work, grad[b])
+
+
+@nb.njit(cache=True, nogil=True, fastmath=_SAFE_MATH)
+def pose_loss_and_gradient(
+    vertices, linear, shift, intrinsics, near, mesh, target, weights,
+    loss, intersection, area, linear_grad, shift_grad,
+):  # fmt: skip
+    """As loss_and_gradient for one mesh at B placements, gradient to the placements."""
+    height, width = target.mask.shape
+    work = _scratch(mesh, height, width)
+    points = np.empty((vertices.shape[0], 2), np.float32)
+    grad = np.zeros((vertices.shape[0], 2), np.float32)
+    for b in range(linear.shape[0]):
+        _place(vertices, linear[b], shift[b], intrinsics, near, points)
+        loss[b], intersection[b], area[b] = _compare(points, mesh, target, weights, work, grad)
+        _pull_back(
+            vertices, linear[b], shift[b], intrinsics, near, points, grad, linear_grad[b],
+            shift_grad[b],
+        )  # fmt: skip
+
+
+@nb.njit(cache=True, nogil=True, fastmath=_SAFE_MATH)
+def overlap(xy, mesh, prefix, intersection, area):
+    """Weighted intersection with the target and own area of B silhouettes, hard coverage."""
+    work = _scratch(mesh, prefix.shape[0], prefix.shape[1] - 1)
+    for b in range(xy.shape[0]):
+        _overlap(xy[b], mesh, prefix, work)
+        intersection[b] = work.sums[1]
+        area[b] = work.sums[2]
+
+
+@nb.njit(cache=True, nogil=True, fastmath=_SAFE_MATH)
+def pose_overlap(vertices, linear, shift, intrinsics, near, mesh, prefix, intersection, area):
+    """As overlap for one mesh at B placements."""
+    work = _scratch(mesh, prefix.shape[0], prefix.shape[1] - 1)
+    points = np.empty((vertices.shape[0], 2), np.float32)
+    for b in range(linear.shape[0]):
+        _place(vertices, linear[b], shift[b], intrinsics, near, points)
+        _overlap(points, mesh, prefix, work)
+        intersection[b] = work.sums[1]
+        area[b] = work.sums[2]
+
+
+@nb.njit(cache=True, nogil=True, fastmath=_SAFE_MATH)
+def render_images(xy, mesh, antialias, image):
     """Silhouettes (B, H, W) of B meshes, written over image."""
     height, width = image.shape[1:]
-    covered = np.zeros((height, width), np.uint8)
-    delta = np.zeros((height, width + 1), np.int16)
-    sign = np.empty(faces.shape[0], np.int8)
-    chosen = np.empty(edges.shape[0] + 1, np.int32)
-    multiplicity = np.empty(edges.shape[0] + 1, np.int16)
-    position = np.empty((2, height, width), np.float32)
-    owner = np.full((2, height, width), -1, np.int32)
-    pairs = np.empty(2 * height * width, np.int32)
+    work = _scratch(mesh, height, width)
     for b in range(xy.shape[0]):
-        points = xy[b]
-        _orient_faces(points, faces, sign)
-        count = _outline_edges(edges, edge_faces, sign, chosen, multiplicity)
-        row0, row1, col0, col1 = _pixel_window(points, edges, chosen, count, height, width)
-        _mark_crossings(points, edges, chosen, multiplicity, count, height, width, delta)
-        _cover_rows(delta, covered, row0, row1, col0, col1, width)
+        count, (row0, row1, col0, col1) = _outline(xy[b], mesh, height, width, work)
+        _cover_rows(work.delta, work.covered, row0, row1, col0, col1, width)
         image[b] = 0
         for r in range(row0, row1):
             for c in range(col0, col1):
-                image[b, r, c] = covered[r, c]
+                image[b, r, c] = work.covered[r, c]
         if not antialias:
             continue
-        found = _boundary_pairs(
-            points, edges, chosen, count, covered, height, width, position, owner, pairs
-        )
+        found = _separated_pairs(xy[b], mesh, count, height, width, work)
         for k in range(found):
-            r, c, amount = _blend(pairs[k], position, width)
+            r, c, amount = _blend(work.pairs[k], work.position, width)
             image[b, r, c] += amount
         for k in range(found):
-            r, c, _ = _blend(pairs[k], position, width)
+            r, c, _ = _blend(work.pairs[k], work.position, width)
             image[b, r, c] = _unit(image[b, r, c])
-            pixel = pairs[k] >> 2
-            owner[(pairs[k] >> 1) & 1, pixel // width, pixel % width] = -1
+        _forget_pairs(found, width, work)
 
 
 @nb.njit(cache=True, nogil=True, fastmath=_SAFE_MATH)
-def image_gradient(xy, faces, edges, edge_faces, image_grad, grad):
+def image_gradient(xy, mesh, image_grad, grad):
     """Pull d(loss)/d(image) (B, H, W) back to the vertices; grad (B, V, 2) starts at zero."""
     height, width = image_grad.shape[1:]
-    covered = np.zeros((height, width), np.uint8)
-    delta = np.zeros((height, width + 1), np.int16)
-    sign = np.empty(faces.shape[0], np.int8)
-    chosen = np.empty(edges.shape[0] + 1, np.int32)
-    multiplicity = np.empty(edges.shape[0] + 1, np.int16)
-    position = np.empty((2, height, width), np.float32)
-    owner = np.full((2, height, width), -1, np.int32)
-    pairs = np.empty(2 * height * width, np.int32)
+    work = _scratch(mesh, height, width)
     for b in range(xy.shape[0]):
-        points = xy[b]
-        _orient_faces(points, faces, sign)
-        count = _outline_edges(edges, edge_faces, sign, chosen, multiplicity)
-        row0, row1, col0, col1 = _pixel_window(points, edges, chosen, count, height, width)
-        _mark_crossings(points, edges, chosen, multiplicity, count, height, width, delta)
-        _cover_rows(delta, covered, row0, row1, col0, col1, width)
-        found = _boundary_pairs(
-            points, edges, chosen, count, covered, height, width, position, owner, pairs
-        )
+        count, (row0, row1, col0, col1) = _outline(xy[b], mesh, height, width, work)
+        _cover_rows(work.delta, work.covered, row0, row1, col0, col1, width)
+        found = _separated_pairs(xy[b], mesh, count, height, width, work)
         for k in range(found):
-            pair = pairs[k]
-            r, c, _ = _blend(pair, position, width)
-            pull = image_grad[b, r, c] * np.float32(2 * (pair & 1) - 1)
-            _push_edge(points, edges, pair, owner, width, pull, grad[b])
-        for k in range(found):
-            pixel = pairs[k] >> 2
-            owner[(pairs[k] >> 1) & 1, pixel // width, pixel % width] = -1
+            pair = work.pairs[k]
+            r, c, _ = _blend(pair, work.position, width)
+            pull = image_grad[b, r, c] if pair & 1 == 1 else -image_grad[b, r, c]
+            _push_edge(xy[b], mesh.edges, pair, work.owner, width, pull, grad[b])
+        _forget_pairs(found, width, work)
 
 
 @nb.njit

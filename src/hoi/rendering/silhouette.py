@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from hoi.geometry.camera import NEAR
 from hoi.rendering import kernels
 from hoi.rendering.target import SilhouetteTarget
 from hoi.rendering.topology import MeshTopology
@@ -53,7 +54,7 @@ def silhouette_iou(xy: Tensor, topology: MeshTopology, target: SilhouetteTarget)
     points = _as_numpy(xy)
     intersection = np.empty(len(points), np.float32)
     area = np.empty(len(points), np.float32)
-    kernels.overlap(points, *_tables(topology), target.prefix, intersection, area)
+    kernels.overlap(points, _mesh(topology), target.prefix, intersection, area)
     return torch.from_numpy(_iou(intersection, area, target)).to(xy.device)
 
 
@@ -69,6 +70,59 @@ def render_silhouette(
     return _SilhouetteImage.apply(xy, topology, height, width, antialias)
 
 
+def pose_silhouette_loss(
+    vertices: Tensor,
+    linear: Tensor,
+    shift: Tensor,
+    intrinsics: np.ndarray,
+    topology: MeshTopology,
+    target: SilhouetteTarget,
+    mask_weight: float = 1.0,
+    edge_weight: float = 0.0,
+) -> tuple[Tensor, Tensor]:
+    """:func:`silhouette_loss` of one mesh at B placements, differentiable in the placements.
+
+    The same as projecting ``vertices @ linear.T + shift`` with :func:`hoi.geometry.project` first,
+    in a third of the time: neither the projected vertices nor their gradients are stored.
+
+    Args:
+        vertices: (V, 3) metres, object frame; no gradient reaches them.
+        linear: (B, 3, 3) any linear map, as a rule rotation times size.
+        shift: (B, 3) metres, camera frame.
+        intrinsics: (3, 3) K of the target's grid, pixels.
+        topology, target, mask_weight, edge_weight: as in :func:`silhouette_loss`.
+
+    Returns:
+        loss (B,) float32 with gradient to `linear` and `shift`; soft IoU (B,), no gradient.
+
+    Raises:
+        ValueError: a shape does not fit.
+    """
+    _check_pose(vertices, linear, shift, topology)
+    return _PoseLoss.apply(
+        linear, shift, vertices, intrinsics, topology, target, mask_weight, edge_weight
+    )
+
+
+def pose_silhouette_iou(
+    vertices: Tensor,
+    linear: Tensor,
+    shift: Tensor,
+    intrinsics: np.ndarray,
+    topology: MeshTopology,
+    target: SilhouetteTarget,
+) -> Tensor:
+    """:func:`silhouette_iou` (B,) of one mesh at B placements; see pose_silhouette_loss."""
+    _check_pose(vertices, linear, shift, topology)
+    intersection = np.empty(len(linear), np.float32)
+    area = np.empty(len(linear), np.float32)
+    kernels.pose_overlap(
+        _as_numpy(vertices), _as_numpy(linear), _as_numpy(shift), _camera(intrinsics),
+        np.float32(NEAR), _mesh(topology), target.prefix, intersection, area,
+    )  # fmt: skip
+    return torch.from_numpy(_iou(intersection, area, target)).to(linear.device)
+
+
 class _SilhouetteLoss(torch.autograd.Function):
     @staticmethod
     def forward(ctx, xy, topology, target, mask_weight, edge_weight):
@@ -77,11 +131,10 @@ class _SilhouetteLoss(torch.autograd.Function):
         intersection = np.empty(len(points), np.float32)
         area = np.empty(len(points), np.float32)
         grad = np.zeros_like(points)
+        weights = kernels.Weights(np.float32(mask_weight), np.float32(edge_weight))
         kernels.loss_and_gradient(
-            points, *_tables(topology), target.mask, target.keep, target.edge_distance,
-            target.prefix, np.float32(target.base_loss), np.float32(mask_weight),
-            np.float32(edge_weight), loss, intersection, area, grad,
-        )  # fmt: skip
+            points, _mesh(topology), _target(target), weights, loss, intersection, area, grad
+        )
         ctx.grad = torch.from_numpy(grad).to(xy)
         iou = torch.from_numpy(_iou(intersection, area, target)).to(xy.device)
         ctx.mark_non_differentiable(iou)
@@ -92,12 +145,41 @@ class _SilhouetteLoss(torch.autograd.Function):
         return (ctx.grad * grads[0][:, None, None], None, None, None, None)
 
 
+class _PoseLoss(torch.autograd.Function):
+    @staticmethod
+    def forward(
+        ctx, linear, shift, vertices, intrinsics, topology, target, mask_weight, edge_weight
+    ):
+        loss = np.empty(len(linear), np.float32)
+        intersection = np.empty(len(linear), np.float32)
+        area = np.empty(len(linear), np.float32)
+        linear_grad = np.empty((len(linear), 3, 3), np.float32)
+        shift_grad = np.empty((len(linear), 3), np.float32)
+        weights = kernels.Weights(np.float32(mask_weight), np.float32(edge_weight))
+        kernels.pose_loss_and_gradient(
+            _as_numpy(vertices), _as_numpy(linear), _as_numpy(shift), _camera(intrinsics),
+            np.float32(NEAR), _mesh(topology), _target(target), weights,
+            loss, intersection, area, linear_grad, shift_grad,
+        )  # fmt: skip
+        ctx.linear_grad = torch.from_numpy(linear_grad).to(linear)
+        ctx.shift_grad = torch.from_numpy(shift_grad).to(shift)
+        iou = torch.from_numpy(_iou(intersection, area, target)).to(linear.device)
+        ctx.mark_non_differentiable(iou)
+        return torch.from_numpy(loss).to(linear), iou
+
+    @staticmethod
+    def backward(ctx, *grads):
+        to_linear = ctx.linear_grad * grads[0][:, None, None]
+        to_shift = ctx.shift_grad * grads[0][:, None]
+        return (to_linear, to_shift, None, None, None, None, None, None)
+
+
 class _SilhouetteImage(torch.autograd.Function):
     @staticmethod
     def forward(ctx, xy, topology, height, width, antialias):
         points = _as_numpy(xy)
         image = np.empty((len(points), height, width), np.float32)
-        kernels.render_images(points, *_tables(topology), bool(antialias), image)
+        kernels.render_images(points, _mesh(topology), bool(antialias), image)
         ctx.points, ctx.topology, ctx.antialias = points, topology, antialias
         return torch.from_numpy(image).to(xy)
 
@@ -106,7 +188,7 @@ class _SilhouetteImage(torch.autograd.Function):
         grad = np.zeros_like(ctx.points)
         if ctx.antialias:
             image_grad = _as_numpy(grads[0])
-            kernels.image_gradient(ctx.points, *_tables(ctx.topology), image_grad, grad)
+            kernels.image_gradient(ctx.points, _mesh(ctx.topology), image_grad, grad)
         return (torch.from_numpy(grad).to(grads[0]), None, None, None, None)
 
 
@@ -117,12 +199,32 @@ def _check(xy: Tensor, topology: MeshTopology) -> None:
         )
 
 
+def _check_pose(vertices: Tensor, linear: Tensor, shift: Tensor, topology: MeshTopology) -> None:
+    count = len(linear)
+    shapes = (tuple(vertices.shape), tuple(linear.shape), tuple(shift.shape))
+    if shapes != ((topology.num_vertices, 3), (count, 3, 3), (count, 3)):
+        raise ValueError(
+            f"vertices, linear, shift have shapes {shapes}, expected "
+            f"({topology.num_vertices}, 3), (B, 3, 3), (B, 3)"
+        )
+
+
+def _camera(intrinsics: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(intrinsics, np.float32)
+
+
 def _as_numpy(values: Tensor) -> np.ndarray:
     return values.detach().to("cpu", torch.float32).contiguous().numpy()
 
 
-def _tables(topology: MeshTopology) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return topology.faces, topology.edges, topology.edge_faces
+def _mesh(topology: MeshTopology) -> kernels.Mesh:
+    return kernels.Mesh(topology.faces, topology.edges, topology.edge_faces)
+
+
+def _target(target: SilhouetteTarget) -> kernels.Target:
+    return kernels.Target(
+        target.mask, target.keep, target.edge_distance, target.prefix, np.float32(target.base_loss)
+    )
 
 
 def _iou(intersection: np.ndarray, area: np.ndarray, target: SilhouetteTarget) -> np.ndarray:

@@ -6,7 +6,13 @@ import numpy as np
 import torch
 
 from hoi.rendering.depth import depth_map
-from hoi.rendering.silhouette import render_silhouette, silhouette_iou, silhouette_loss
+from hoi.rendering.silhouette import (
+    pose_silhouette_iou,
+    pose_silhouette_loss,
+    render_silhouette,
+    silhouette_iou,
+    silhouette_loss,
+)
 from hoi.rendering.target import SilhouetteTarget
 from hoi.rendering.topology import MeshTopology
 
@@ -25,4 +31,7 @@ def warm_up() -> None:
     loss, _ = silhouette_loss(xy, topology, target, 1.0, 1.0)
     (loss.sum() + render_silhouette(xy, topology, 8, 8).sum()).backward()
     silhouette_iou(xy, topology, target)
+    pose = (torch.tensor(corners).float(), torch.eye(3)[None], torch.zeros(1, 3), np.eye(3))
+    pose_silhouette_loss(*pose, topology, target)
+    pose_silhouette_iou(*pose, topology, target)
     depth_map(corners, faces, np.eye(3), 8, 8)
