@@ -65,3 +65,22 @@ def refine_to_count(solid: Manifold, vertices: int) -> Manifold:
         else:
             high = length
     return best
+
+
+def warped(vertices: np.ndarray, amplitude: float, seed: int) -> np.ndarray:
+    """Deform a shape smoothly: a sum of three long waves, `amplitude` as a share of its size.
+
+    Waves are longer than the object, so neighbouring points keep their order and closed meshes
+    stay closed.
+    """
+    random = np.random.default_rng(seed)
+    size = np.ptp(vertices, axis=0)
+    unit = (vertices / size).astype(np.float64)
+    moved = np.zeros_like(unit)
+    for _ in range(3):
+        direction = random.normal(size=3)
+        direction /= np.linalg.norm(direction)
+        phase, push = random.uniform(0, 2 * np.pi), random.normal(size=3)
+        wave = np.sin(1.6 * np.pi * unit @ direction + phase)
+        moved += wave[:, None] * push / np.linalg.norm(push)
+    return (vertices + amplitude * size * moved).astype(np.float32)

@@ -423,6 +423,7 @@ def backpack(
 
 def suitcase(
     *,
+    style: str,
     width: float,
     height: float,
     depth: float,
@@ -432,36 +433,30 @@ def suitcase(
     wheels: str,
     grip: str,
 ) -> Parts:
-    """A suitcase standing upright; the pull-out handle is at its rear (-z)."""
+    """A suitcase. A trolley stands upright, its pull-out handle at the rear (-z); a case lies
+    along x (width and height change places), carried by one grip."""
+    if style == "case":
+        body = cushion((height, width, depth), (0, width / 2, 0), rounding * depth, 12)
+        return {"bag_body": [body], "handle": [_carry_grip((0, width, 0), along="x")]}
     wheel = 0.028
     foot = 1.2 * wheel
-    body = [cushion((width, height, depth), (0, foot + height / 2, 0), rounding * depth, 12)]
     top = foot + height
-    rear = -0.3 * depth
-    inside = top - 0.15 * height
-    pull = tube(
-        [
-            (-handle_width / 2, inside, rear),
-            (-handle_width / 2, top + handle_out, rear),
-            (handle_width / 2, top + handle_out, rear),
-            (handle_width / 2, inside, rear),
-        ],
-        0.011,
-    )
+    rear, inside = -0.3 * depth, top - 0.15 * height
+    body = cushion((width, height, depth), (0, foot + height / 2, 0), rounding * depth, 12)
+    x, y = handle_width / 2, top + handle_out
+    pull = tube([(-x, inside, rear), (-x, y, rear), (x, y, rear), (x, inside, rear)], 0.011)
     handles = [pull, _carry_grip((0, top, 0.05 * depth), along="x")]
     if grip == "top and side":
         handles.append(_carry_grip((width / 2, foot + height / 2, 0), along="y"))
-    corners = [(sx, sz) for sx in SIDES for sz in SIDES if wheels == "four" or sz < 0]
+    x, z = 0.38 * width, 0.34 * depth
+    rolling = SIDES if wheels == "four" else (-1,)
     rollers = [
-        rod((sx * 0.38 * width - 0.013, wheel, sz * 0.34 * depth),
-            (sx * 0.38 * width + 0.013, wheel, sz * 0.34 * depth), wheel, sides=12)
-        for sx, sz in corners
-    ]  # fmt: skip
-    forks = [box((0.03, 0.06, 0.03), (sx * 0.38 * width, 0.055, sz * 0.34 * depth))
-             for sx, sz in corners]  # fmt: skip
-    if wheels == "two":
-        forks += [box((0.03, 0.08, 0.03), (s * 0.38 * width, 0.04, 0.34 * depth)) for s in SIDES]
-    return {"bag_body": body, "handle": handles, "wheel": rollers + forks}
+        rod((sx * x - 0.013, wheel, sz * z), (sx * x + 0.013, wheel, sz * z), wheel, sides=12)
+        for sx in SIDES
+        for sz in rolling
+    ]
+    feet = [box((0.03, 0.08, 0.03), (sx * x, 0.045, sz * z)) for sx in SIDES for sz in SIDES]
+    return {"bag_body": [body], "handle": handles, "wheel": rollers + feet}
 
 
 def _carry_grip(centre: tuple[float, float, float], along: str) -> Manifold:
@@ -754,6 +749,7 @@ GENERATORS: dict[str, Generator] = {
     "suitcase": Generator(
         suitcase,
         {
+            "style": ("trolley", "trolley", "trolley", "case"),
             "width": (0.35, 0.47),
             "height": (0.50, 0.68),
             "depth": (0.20, 0.29),

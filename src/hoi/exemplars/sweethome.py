@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import zipfile
 from dataclasses import dataclass
@@ -88,7 +89,7 @@ def parse_obj(text: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         elif head == "f":
             corners = [int(token.split("/")[0]) for token in rest.split()]
             ids = [c - 1 if c > 0 else len(vertices) + c for c in corners]
-            fan = [(ids[0], b, c) for b, c in zip(ids[1:-1], ids[2:], strict=True)]
+            fan = [(ids[0], b, c) for b, c in itertools.pairwise(ids[1:])]
             faces += fan
             groups += [group] * len(fan)
     if not faces:
