@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
+from hoi.detect.labels import COCO80, PERSON
 from hoi.settings import Settings
 
 
@@ -181,6 +182,17 @@ class DetectConfig(Settings):
     nanodet: NanoDetConfig = NanoDetConfig()
     blazepose: BlazePoseConfig = BlazePoseConfig()
     grabcut: GrabCutConfig = GrabCutConfig()
+
+    @field_validator("labels")
+    @classmethod
+    def _labels_exist(cls, labels: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+        for category, names in labels.items():
+            unknown = sorted(set(names) - set(COCO80) | set(names) & {PERSON})
+            if unknown or not names:
+                raise ValueError(
+                    f"{category}: {unknown or 'no label'}; object classes of COCO are known"
+                )
+        return labels
 
     @property
     def needed_models(self) -> Literal["none", "pose", "all"]:

@@ -28,14 +28,14 @@ def detection_counts(
     Returns:
         One row per category (and ``all``) and threshold: ``category``, ``threshold`` (``0.9``,
         ``0.6``, ``ours``), ``n``, ``person``, ``object``, ``correct_object`` (frames in which a box
-        of the right class overlaps the data set's own object mask; NA where it has none), and
+        of the right class overlaps the data set's own object mask; NaN where it has none), and
         ``object_failure_rate`` (share without a correct object; without any, where there is no
         reference).
     """
     rows = [row for frame, detection in pairs for row in _frame_rows(frame, detection, config)]
     columns = ["category", "threshold", "person", "object", "correct_object"]
     table = pd.DataFrame(rows, columns=columns)
-    table["correct_object"] = table["correct_object"].astype("boolean")
+    table["correct_object"] = table["correct_object"].astype(float)
     table = pd.concat([table, table.assign(category="all")], ignore_index=True)
     groups = table.groupby(["category", "threshold"], sort=False)
     counts = groups.agg(
@@ -44,7 +44,7 @@ def detection_counts(
         object=("object", "sum"),
         correct_object=("correct_object", lambda column: column.sum(min_count=1)),
     ).reset_index()
-    found = counts["correct_object"].fillna(counts["object"]).astype(float)
+    found = counts["correct_object"].fillna(counts["object"])
     counts["object_failure_rate"] = 1 - found / counts["n"]
     return counts
 
