@@ -19,7 +19,7 @@ class ExemplarsConfig(Settings):
     k: int = Field(20, ge=1, description="clusters = exemplars of a category [3.5: 20]")
     grid: int = Field(30, ge=4, description="SDF cells along each side of the unit box [3.5: 30]")
     vertices: int = Field(1000, ge=100, description="vertices of an exemplar mesh [3.5: 1000]")
-    procedural_pool: int = Field(60, ge=0, description="generated candidates of a category")
+    procedural_pool: int = Field(32, ge=0, description="generated candidates of a category")
     kmeans_restarts: int = Field(10, ge=1, description="k-means++ starts; the best is kept")
     seed: int = Field(0, ge=0, description="seed of the generator and of k-means++")
     folder: str = Field("", description="own meshes: <folder>/<category>/*.obj, .glb, .ply")

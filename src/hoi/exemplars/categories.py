@@ -1,0 +1,42 @@
+"""Which categories have exemplars; importable without any heavy library."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hoi.exemplars.config import ExemplarsConfig
+
+# Categories with a procedural generator (and some with curated furniture).
+KNOWN_CATEGORIES = (
+    "chair",
+    "stool",
+    "table",
+    "backpack",
+    "suitcase",
+    "keyboard",
+    "display",
+    "laptop",
+    "mug",
+    "bottle",
+    "trashcan",
+    "skateboard",
+    "surfboard",
+    "skis",
+    "ball",
+    "bicycle",
+    "teddy",
+)
+
+
+def known_categories(config: ExemplarsConfig) -> tuple[str, ...]:
+    """The categories `hoi.exemplars.build.build_library` can build with a configuration.
+
+    With source ``folder`` these include every subfolder of the user's mesh folder.
+    """
+    shipped = KNOWN_CATEGORIES if "procedural" in config.sources else ()
+    if "furniture" in config.sources:
+        shipped = tuple(dict.fromkeys((*shipped, "chair", "stool", "table")))
+    if "folder" not in config.sources or not Path(config.folder).is_dir():
+        return shipped
+    own = sorted(entry.name for entry in Path(config.folder).iterdir() if entry.is_dir())
+    return tuple(dict.fromkeys((*shipped, *own)))
