@@ -110,38 +110,43 @@ def score_starts(shape: Shape, rotations: Tensor, boxes: Tensor, view: View) -> 
     return _sorted(shape, rotations, translations, ious, torch.zeros_like(ious))
 
 
-def refine(poses: Poses, step: RefineStep, view: View) -> Poses:
-    """Adam on the silhouette loss of every pose at once [paper 3.5].
+def refine(found: Sequence[Poses], step: RefineStep, view: View) -> list[Poses]:
+    """Adam on the silhouette loss of every pose of every exemplar at once [paper 3.5].
 
     The translation moves as a shift across the image in units of the object's apparent size and as
     the logarithm of its depth, so one learning rate suits near and far, large and small objects.
+    All poses share one optimiser because at these sizes the calls cost more than the arithmetic;
+    Adam treats every number separately, so no pose feels the others.
     """
-    shape = poses.shape
-    six = matrix_to_rotation_6d(poses.rotations).clone().requires_grad_()
-    move = torch.zeros_like(poses.translations).requires_grad_()
+    start = torch.cat([poses.translations for poses in found])
+    radius = torch.cat([torch.full((len(p.ious), 1), p.shape.radius) for p in found])
+    six = matrix_to_rotation_6d(torch.cat([poses.rotations for poses in found])).requires_grad_()
+    move = torch.zeros_like(start).requires_grad_()
     optimiser = torch.optim.Adam([six, move], lr=step.learning_rate)
     for iteration in range(step.iterations):
         if step.decay:
             share = 1 - iteration / step.iterations
             optimiser.param_groups[0]["lr"] = step.learning_rate * share
         optimiser.zero_grad(set_to_none=True)
-        translations = _moved(poses.translations, move, shape.radius)
-        loss, _ = _loss(shape, rotation_6d_to_matrix(six), translations, step, view)
-        loss.sum().backward()
+        rotations, translations = rotation_6d_to_matrix(six), _moved(start, move, radius)
+        losses, _ = _losses(found, rotations, translations, step, view)
+        losses.sum().backward()
         optimiser.step()
     with torch.no_grad():
-        rotations = rotation_6d_to_matrix(six)
-        translations = _moved(poses.translations, move, shape.radius)
-        losses, ious = _loss(shape, rotations, translations, step, view)
-    return _sorted(shape, rotations, translations, ious, losses)
+        rotations, translations = rotation_6d_to_matrix(six), _moved(start, move, radius)
+        losses, ious = _losses(found, rotations, translations, step, view)
+    counts = [len(poses.ious) for poses in found]
+    parts = zip(*(x.split(counts) for x in (rotations, translations, ious, losses)), strict=True)
+    return [_sorted(poses.shape, *part) for poses, part in zip(found, parts, strict=True)]
 
 
 def narrow(found: Sequence[Poses], step: RefineStep, prune_by: int, view: View) -> list[Poses]:
     """One round: the exemplars and poses that the step admits, refined, best exemplar first."""
-    ranked = rank(found, prune_by)[: step.exemplars]
-    return rank(
-        [refine(poses.best(step.poses, step.distinct_deg), step, view) for poses in ranked], 1
-    )
+    admitted = [
+        poses.best(step.poses, step.distinct_deg)
+        for poses in rank(found, prune_by)[: step.exemplars]
+    ]
+    return rank(refine(admitted, step, view), 1)
 
 
 def rank(found: Sequence[Poses], count: int) -> list[Poses]:
@@ -149,19 +154,26 @@ def rank(found: Sequence[Poses], count: int) -> list[Poses]:
     return sorted(found, key=lambda poses: (-poses.merit(count), poses.shape.name))
 
 
-def _moved(start: Tensor, move: Tensor, radius: float) -> Tensor:
-    depth = start[:, 2:] * torch.exp(move[:, 2:])
+def _moved(start: Tensor, move: Tensor, radius: Tensor) -> Tensor:
     ray = (start[:, :2] + radius * move[:, :2]) / start[:, 2:]
+    depth = start[:, 2:] * torch.exp(move[:, 2:])
     return torch.cat((ray * depth, depth), dim=1)
 
 
-def _loss(
-    shape: Shape, rotations: Tensor, translations: Tensor, step: RefineStep, view: View
+def _losses(
+    found: Sequence[Poses], rotations: Tensor, translations: Tensor, step: RefineStep, view: View
 ) -> tuple[Tensor, Tensor]:
-    return pose_silhouette_loss(
-        shape.vertices, rotations, translations, view.intrinsics, shape.topology, view.target,
-        1.0, step.edge_weight,
-    )  # fmt: skip
+    counts = [len(poses.ious) for poses in found]
+    results = [
+        pose_silhouette_loss(
+            poses.shape.vertices, r, t, view.intrinsics, poses.shape.topology, view.target, 1.0,
+            step.edge_weight,
+        )
+        for poses, r, t in zip(
+            found, rotations.split(counts), translations.split(counts), strict=True
+        )
+    ]  # fmt: skip
+    return torch.cat([loss for loss, _ in results]), torch.cat([iou for _, iou in results])
 
 
 def _sorted(
