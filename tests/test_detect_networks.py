@@ -6,6 +6,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hoi.artifacts import Frame
 from hoi.body.keypoints import KEYPOINT
@@ -110,6 +112,29 @@ def test_a_crop_maps_its_centre_and_its_upright_axis():
     np.testing.assert_allclose(affine @ [128, 0, 1], [30 + 64, 40], atol=1e-9)
 
 
+def test_a_view_at_the_principal_point_is_the_cameras_own():
+    from hoi.detect.blazepose import camera_from_view
+
+    intrinsics = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    np.testing.assert_allclose(camera_from_view(np.array([320, 240]), intrinsics), np.eye(3))
+
+
+@given(x=st.floats(-2000, 2000), y=st.floats(-2000, 2000))
+def test_a_view_looks_along_its_pixels_ray_without_rolling(x, y):
+    from hoi.detect.blazepose import camera_from_view
+
+    intrinsics = np.array([[500.0, 0, 320], [0, 400, 240], [0, 0, 1]])
+    rotation = camera_from_view(np.array([x, y]), intrinsics)
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
+    assert np.linalg.det(rotation) > 0
+    ray = rotation[:, 2]
+    pixel = intrinsics @ ray / ray[2]
+    np.testing.assert_allclose(pixel[:2], [x, y], atol=1e-4)
+    # the smallest such turn: its axis lies in the image plane
+    axis = np.array([rotation[1, 0] - rotation[0, 1]])
+    np.testing.assert_allclose(axis, 0, atol=1e-9)
+
+
 # ------------------------------------------------------------------------------ with models
 
 
@@ -199,8 +224,8 @@ class TestOnPhotos:
         assert caught.value.status == "no_person_detected"
 
     def test_what_lies_outside_the_picture_has_no_confidence(self, stage):
-        image = photo("skimage_astronaut.png", "helmet").image
-        pose = stage._pose(image, (14.0, 14.0, 364.0, 507.0))
+        frame = photo("skimage_astronaut.png", "helmet")
+        pose = stage._pose(frame.image, (14.0, 14.0, 364.0, 507.0), frame.intrinsics)
         assert pose is not None
         for name in ("left_ankle", "right_ankle", "left_toe"):
             assert pose.keypoints[KEYPOINT[name], 2] < 0.1

@@ -68,7 +68,7 @@ def registry_stage(boxes, config=REGISTRY, pose="default", crop_boxes=()):
     return DetectStage(
         config,
         box_detector=lambda image: next(answers),
-        pose_estimator=lambda image, box: person if pose == "default" else pose,
+        pose_estimator=lambda image, box, intrinsics: person if pose == "default" else pose,
         object_segmenter=lambda image, box, pose, seed: (filled(box), "stand_in"),
     )
 
@@ -116,7 +116,7 @@ def test_landmarks_come_from_the_pose_model_even_when_all_else_is_given():
     landmarks = np.random.default_rng(1).normal(size=(21, 3)).astype(np.float32)
     asked = []
 
-    def pose(image, person_box):
+    def pose(image, person_box, intrinsics):
         asked.append(person_box)
         return PersonPose(keypoints(0.5), landmarks, np.zeros((HEIGHT, WIDTH)), 0.9)
 
@@ -127,7 +127,7 @@ def test_landmarks_come_from_the_pose_model_even_when_all_else_is_given():
 
 
 def test_a_person_the_pose_model_misses_still_has_given_keypoints():
-    result = DetectStage(DetectConfig(), pose_estimator=lambda image, box: None)(frame(), seed=0)
+    result = DetectStage(DetectConfig(), pose_estimator=lambda *_: None)(frame(), seed=0)
     assert result.ok and result.landmarks is None
     assert result.landmarks_source.startswith("none: ")
 

@@ -45,9 +45,11 @@ class BoxDetector(Protocol):
 
 
 class PoseEstimator(Protocol):
-    """Reads one person's pose; None when there is nobody in the box."""
+    """Reads one person's pose; None when there is nobody in the box. `intrinsics` is K (3, 3)."""
 
-    def __call__(self, image: np.ndarray, box: Box) -> PersonPose | None: ...
+    def __call__(
+        self, image: np.ndarray, box: Box, intrinsics: np.ndarray
+    ) -> PersonPose | None: ...
 
 
 class ObjectSegmenter(Protocol):

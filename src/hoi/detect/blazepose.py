@@ -23,6 +23,7 @@ _ANCHORS = ((8, 2), (16, 2), (32, 6))  # stride, anchors per cell
 # Rows 33 and 34 of the landmark output: the centre of the hips, and a point on the circle around
 # the whole body; rows 0-32 are the body.
 _BODY, _CENTRE, _CIRCLE = 33, 33, 34
+_HIPS = [23, 24]
 _MINIMUM_RADIUS = 4.0  # pixels; a smaller circle says nothing about size or rotation
 _OUTSIDE_LOGIT = -10.0
 
@@ -70,7 +71,7 @@ class BlazePose:
         self._detector = _Model(Interpreter, models_dir / "pose_detection.tflite", config.threads)
         self._anchors = detector_anchors()
 
-    def __call__(self, image: np.ndarray, box: Box) -> PersonPose | None:
+    def __call__(self, image: np.ndarray, box: Box, intrinsics: np.ndarray) -> PersonPose | None:
         """The person in `box` (x0, y0, x1, y1), or None when the model sees nobody there."""
         readings = [self._read(image, crop) for crop in self._first_crops(image, box)]
         best = max(readings, key=lambda reading: self._rank(reading, box, image.shape[:2]))
@@ -84,7 +85,7 @@ class BlazePose:
             best = again
         if best.score < self.config.minimum_score:
             return None
-        return self._pose(best, box, image.shape[:2])
+        return self._pose(best, box, intrinsics, image.shape[:2])
 
     def _first_crops(self, image: np.ndarray, box: Box) -> list[Crop]:
         """The box's own square, and the detector's if it sees the same person."""
@@ -174,14 +175,16 @@ class BlazePose:
         needed = min(self.config.minimum_inside, self._inside(before, box, shape))
         return again.score >= self.config.minimum_score and inside >= needed and inside > 0
 
-    def _pose(self, reading: _Reading, box: Box, shape: tuple[int, ...]) -> PersonPose:
+    def _pose(
+        self, reading: _Reading, box: Box, intrinsics: np.ndarray, shape: tuple[int, ...]
+    ) -> PersonPose:
         height, width = shape
         # What lies outside the picture was guessed, not seen.
         seen = _within(reading.points[:_BODY], (0, 0, width, height))
         confidence = np.where(seen, reading.confidence[:_BODY], 0.0)
         points = np.column_stack([reading.points[:_BODY], confidence])
-        world = reading.world[:_BODY]
-        hips = world[23:25].mean(0)
+        world = reading.world[:_BODY] @ camera_from_view(reading.crop.centre, intrinsics).T
+        hips = world[_HIPS].mean(0)
         logits = cv2.warpAffine(
             reading.mask_logits,
             _between_centres(reading.crop.image_from_crop()),
@@ -209,6 +212,23 @@ def detector_anchors() -> np.ndarray:
         centres = (np.stack([columns, rows], 1) + 0.5) / cells
         anchors.append(centres.repeat(per_cell, 0))
     return np.concatenate(anchors)
+
+
+def camera_from_view(centre: np.ndarray, intrinsics: np.ndarray) -> np.ndarray:
+    """(3, 3) rotation to camera axes from the axes of a camera that looks at pixel `centre`.
+
+    The landmark model sees a crop and answers as if the camera looked straight at it. Without this
+    turn a person at the side of a wide picture comes out facing the wrong way by the angle of the
+    ray (46 degrees at the border of a BEHAVE image).
+    """
+    ray = np.linalg.solve(intrinsics, np.array([centre[0], centre[1], 1.0]))
+    ray /= np.linalg.norm(ray)
+    axis = np.cross([0.0, 0.0, 1.0], ray)
+    sine = np.linalg.norm(axis)
+    if sine < 1e-12:
+        return np.eye(3)
+    rotation, _ = cv2.Rodrigues(axis / sine * np.arctan2(sine, ray[2]))
+    return rotation
 
 
 class _Model:

@@ -193,7 +193,8 @@ class DetectStage:
         config = self.config
         pose = None
         if self._pose is not None:
-            pose = self._pose(image, subjects.person_box)
+            assert frame.intrinsics is not None  # a frame that is ok has them
+            pose = self._pose(image, subjects.person_box, frame.intrinsics)
         person_mask, person_source = self._person_mask(subjects, pose)
         object_mask, object_source = self._object_mask(image, subjects, pose, seed)
         if config.masks == "registry":
