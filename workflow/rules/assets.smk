@@ -1,7 +1,5 @@
 # Built once: exemplar meshes, detector files, compiled kernels.
 
-from hoi.exemplars.categories import KNOWN_CATEGORIES
-
 
 rule exemplars:
     # Section 3.5: k-means++ over signed distances; the member nearest each centre stands for it

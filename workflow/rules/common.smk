@@ -13,6 +13,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 from hoi.config import read_config
 from hoi.digest import code_digest, environment_digest
 from hoi.errors import HoiError
+from hoi.exemplars.categories import known_categories
 from hoi.manifest import PHOTOS, chunk_settings, frame_labels, plan
 
 try:
@@ -69,12 +70,22 @@ def stages_of(method):
     )
 
 
+ACTION_SPACE = "src/hoi/data/conceptnet/actions.tsv"
+BEHAVE_MINI_ASSETS = [
+    "src/hoi/data/body/neutral.npz",
+    *(f"src/hoi/data/furniture/{name}.npz" for name in ("chair", "stool", "table", "backpack", "suitcase", "keyboard")),
+]
+PRIOR_TABLES = [f"src/hoi/data/priors/{name}.csv" for name in ("sizes", "contacts", "actions")]
+
+
+def exemplars_of(chunk):
+    """Library files of the chunk's categories; a category that nobody can build has none."""
+    known = known_categories(CONFIG.exemplars)
+    return [f"resources/exemplars/{name}.npz" for name in chunk.categories if name in known]
+
+
 def exemplar_files(wildcards):
-    return [
-        f"resources/exemplars/{category}.npz"
-        for category in chunk_named(wildcards.chunk).categories
-        if category in KNOWN_CATEGORIES
-    ]
+    return exemplars_of(chunk_named(wildcards.chunk))
 
 
 def identity(script, settings):
@@ -95,7 +106,7 @@ def identity(script, settings):
 wildcard_constraints:
     dataset="behave|behave_mini|photos",
     chunk=r"[a-z]+-\d{3}",
-    group="|".join(GROUPS),
+    group=r"[a-z]+",
     category=r"[a-z_ ]+",
     search=r"\w+",
     method=r"\w+",

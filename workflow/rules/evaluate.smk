@@ -29,14 +29,15 @@ def table_inputs(group, methods):
     return named
 
 
-def table_params(group, methods):
+def table_params(group, methods, ablation=False):
     return {
+        "ablation": ablation,
         "category": group,
         "methods": list(methods),
         "masks": CONFIG.detect_settings(dataset_of(group)).masks,
         "failure_cm": CONFIG.evaluate.failure_cm,
         "frames": frame_labels(chunks_of(group)),
-        "code": code_digest("hoi.evaluate.tables", "hoi.report.tables"),
+        "code": identity("table", {})["code"],
     }
 
 
@@ -91,7 +92,7 @@ rule ablation:
         tex="results/ablation.tex",
         frames="results/ablation.frames.csv",
     params:
-        table=table_params(CONFIG.tables.ablation_group, CONFIG.tables.ablation),
+        table=table_params(CONFIG.tables.ablation_group, CONFIG.tables.ablation, ablation=True),
     message:
         "Collecting results/ablation.csv"
     log:

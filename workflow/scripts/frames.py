@@ -1,6 +1,7 @@
 """Read the frames of a chunk, and their ground truth, from BEHAVE's layout."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 from chunk_job import logged
@@ -14,6 +15,7 @@ from hoi.digest import json_digest
 from hoi.memo import Memo
 
 root = Path(snakemake.params.root)
+dataset = snakemake.wildcards.dataset
 frames = {frame["frame_id"]: frame for frame in snakemake.params.frames}
 generated = snakemake.input.get("generated")
 if generated:  # the raw files were generated: their digests are known by now
@@ -23,7 +25,13 @@ if generated:  # the raw files were generated: their digests are known by now
 memo = Memo(snakemake.config["memo"])
 with logged(snakemake):
     for name, kind, read, index, seconds in (
-        ("frames", Frame, read_frame, snakemake.output.index, snakemake.output.seconds),
+        (
+            "frames",
+            Frame,
+            partial(read_frame, dataset=dataset),
+            snakemake.output.index,
+            snakemake.output.seconds,
+        ),
         (
             "truth",
             GroundTruth,

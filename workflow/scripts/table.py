@@ -11,7 +11,7 @@ from snakemake.script import snakemake
 from hoi.artifacts import Evaluation
 from hoi.chunks import read_artifacts
 from hoi.evaluate.tables import evaluation_frame, summarise
-from hoi.report.tables import to_html, to_latex
+from hoi.report.tables import ablation_layout, as_html_page, as_latex, layout
 
 table = snakemake.params.table
 with logged(snakemake):
@@ -33,5 +33,7 @@ with logged(snakemake):
     )
     frames.to_csv(snakemake.output.frames, index=False, float_format="%.3f")
     summary.to_csv(snakemake.output.csv, index=False, float_format="%.3f")
-    Path(snakemake.output.html).write_text(to_html(summary))
-    Path(snakemake.output.tex).write_text(to_latex(summary))
+    make_layout = ablation_layout if table["ablation"] else layout
+    laid_out = make_layout(summary, table["methods"], detail=True)
+    Path(snakemake.output.html).write_text(as_html_page(laid_out, laid_out[0].title))
+    Path(snakemake.output.tex).write_text("\n\n".join(as_latex(part) for part in laid_out))

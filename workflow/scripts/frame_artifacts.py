@@ -1,0 +1,89 @@
+"""What the drawing scripts share: all artifacts of one frame, found through a job's inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+from hoi.artifacts import (
+    Action,
+    Artifact,
+    BodyFit,
+    Detection,
+    Evaluation,
+    Frame,
+    GroundTruth,
+    Joint,
+    ObjectFit,
+    Prior,
+)
+from hoi.chunks import Index, artifact_path
+from hoi.exemplars import Exemplar, load_library
+from hoi.report.page import MethodView
+
+A = TypeVar("A", bound=Artifact)
+
+
+class FrameArtifacts:
+    """Reads what every stage said of a frame.
+
+    Args:
+        inputs: a job's named inputs: indexes, one or several a stage.
+        methods: names whose ``<method>_objects``, ``_joints`` and ``_evaluations`` to read.
+    """
+
+    def __init__(self, inputs: Mapping, methods: Sequence[str]):
+        self.inputs = inputs
+        self.methods = methods
+        self._libraries: dict[str, list[Exemplar]] = {}
+
+    def frame_ids(self) -> Iterator[str]:
+        for path in self._paths("frames"):
+            yield from Index.load(path).frames
+
+    def frame(self, frame_id: str) -> Frame:
+        frame = self._read(Frame, "frames", frame_id)
+        assert frame is not None
+        return frame
+
+    def detection(self, frame_id: str) -> Detection | None:
+        return self._read(Detection, "detections", frame_id)
+
+    def truth(self, frame_id: str) -> GroundTruth | None:
+        truth = self._read(GroundTruth, "truth", frame_id)
+        return truth if truth is not None and truth.ok else None
+
+    def views(self, frame_id: str) -> list[MethodView]:
+        """What each method did with the frame."""
+        return [
+            MethodView(
+                name=method,
+                body=self._read(BodyFit, "bodies", frame_id),
+                objects=self._read(ObjectFit, f"{method}_objects", frame_id),
+                action=self._read(Action, "actions", frame_id),
+                prior=self._read(Prior, "priors", frame_id),
+                joint=self._read(Joint, f"{method}_joints", frame_id),
+                evaluation=self._read(Evaluation, f"{method}_evaluations", frame_id),
+            )
+            for method in self.methods
+        ]
+
+    def exemplars(self, category: str) -> list[Exemplar]:
+        """The exemplars of a category; none for a category without a library."""
+        if category not in self._libraries:
+            found = [path for path in self._paths("exemplars") if Path(path).stem == category]
+            self._libraries[category] = (
+                load_library(Path(found[0]).parent, category) if found else []
+            )
+        return self._libraries[category]
+
+    def _read(self, kind: type[A], name: str, frame_id: str) -> A | None:
+        for index in self._paths(name):
+            if frame_id in Index.load(index).frames:
+                return kind.load(artifact_path(index, frame_id))
+        return None
+
+    def _paths(self, name: str) -> list[str]:
+        paths = self.inputs.get(name, [])
+        return [paths] if isinstance(paths, str) else list(paths)

@@ -1,0 +1,27 @@
+"""Draw the page of one frame: the photo, every stage's decision, the scene in 3D."""
+
+from pathlib import Path
+
+from chunk_job import logged
+from frame_artifacts import FrameArtifacts
+from snakemake.script import snakemake
+
+from hoi.body import BodyModel
+from hoi.report.config import ReportConfig
+from hoi.report.page import frame_page
+
+config = ReportConfig(**snakemake.params.identity["settings"])
+frame_id = snakemake.wildcards.frame
+artifacts = FrameArtifacts(snakemake.input, snakemake.params.methods)
+with logged(snakemake):
+    frame = artifacts.frame(frame_id)
+    page = frame_page(
+        frame,
+        artifacts.detection(frame_id),
+        artifacts.views(frame_id),
+        BodyModel.load(Path(snakemake.input.body_model)).faces,
+        artifacts.exemplars(frame.category),
+        config,
+        truth=artifacts.truth(frame_id),
+    )
+    Path(snakemake.output[0]).write_text(page)
