@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 
 from hoi.report.config import ReportConfig
+from hoi.report.labels import method_label
 from hoi.report.overlay import jpeg
 
 _CURVE_SIZE = (150.0, 44.0)
@@ -29,6 +30,8 @@ def environment():
     )
     found.filters["curve"] = curve_points
     found.filters["losses"] = loss_symbols
+    found.filters["method"] = lambda name: loss_symbols(method_label(name))
+    found.filters["method_text"] = lambda name: method_label(name)
     return found
 
 

@@ -34,6 +34,8 @@ BONES = (
     *((f"{side}_ankle", f"{side}_heel") for side in ("left", "right")),
 )
 
+NOT_RUN = "did not run for this frame."
+
 Crop = tuple[float, float, float, float]
 
 
@@ -96,7 +98,8 @@ def detection_panel(frame: Frame, detection: Detection | None, config: ReportCon
     full = (0.0, 0.0, float(frame.image.shape[1]), float(frame.image.shape[0]))
     canvas, scale = _photo(frame.image, full, config.image_width)
     if detection is None or not _drawable(detection):
-        return stopped_panel(name, title, detection, "detect", config, backdrop=canvas)
+        reason = _reason(detection, "detect")
+        return Panel(name, title, canvas, f"The photo. {reason}", "", reason)
     thick = max(1, round(config.image_width / 280))
     for mask, box, colour in (
         (detection.person_mask, detection.person_box, rgb(config.person_line_colour)),
@@ -220,13 +223,8 @@ def joint_panels(
         cause, stage = (frame, "frame") if blank else (joint, "joint")
         first, second, third = (stopped_panel(n, t, cause, stage, config) for n, t in names)
         return first, second, third
-    assert frame.image is not None and frame.intrinsics is not None
-    scene = of_joint(joint, body_faces)
-    body = Surface(scene.body_vertices, body_faces, body_colours(scene, config), smooth=True)
-    thing = Surface(scene.object_vertices, scene.object_faces, np.array(rgb(config.object_colour)))
-    crop = region_of_interest(frame, detection, config)
-    canvas, _ = _photo(frame.image, crop, config.image_width)
-    over = _draw_over(canvas, [body, thing], frame.intrinsics, crop, config)
+    assert joint is not None
+    over, (body, thing) = _result_over_photo(frame, detection, joint, body_faces, config)
     who = f"the body and the {frame.category}"
     if joint.method:
         who += f" placed by {joint.method}"
@@ -285,8 +283,31 @@ def overlay_sheet(panels: Sequence[Panel], columns: int = 3, gap: int = 8) -> np
     return sheet
 
 
+def frame_thumbnail(
+    frame: Frame,
+    detection: Detection | None,
+    joint: Joint | None,
+    body_faces: np.ndarray,
+    config: ReportConfig | None = None,
+) -> np.ndarray | None:
+    """The picture of a gallery card, `thumbnail_width` wide; None without a photo.
+
+    The result over the photo where there is one, else the photo with what was detected.
+    """
+    config = config or ReportConfig()
+    small = config.model_copy(update={"image_width": config.thumbnail_width})
+    if frame.image is None:
+        return None
+    if joint is not None and joint.ok and frame.intrinsics is not None:
+        return _result_over_photo(frame, detection, joint, body_faces, small)[0]
+    if detection is not None and _drawable(detection):
+        return detection_panel(frame, detection, small).image
+    whole = (0.0, 0.0, float(frame.image.shape[1]), float(frame.image.shape[0]))
+    return _photo(frame.image, whole, config.thumbnail_width)[0]
+
+
 def thumbnail(panels: Sequence[Panel], config: ReportConfig | None = None) -> np.ndarray:
-    """The picture of a gallery card: the result where there is one, else the detection."""
+    """A card's picture from panels already drawn: the result's if there is one, else the first."""
     import cv2
 
     config = config or ReportConfig()
@@ -361,9 +382,26 @@ def region_of_interest(
     return float(start[0]), float(start[1]), float(start[0] + size[0]), float(start[1] + size[1])
 
 
+def _result_over_photo(
+    frame: Frame,
+    detection: Detection | None,
+    joint: Joint,
+    body_faces: np.ndarray,
+    config: ReportConfig,
+) -> tuple[np.ndarray, tuple[Surface, Surface]]:
+    """The scene over the crop of the photo, and the surfaces of body and object."""
+    assert frame.image is not None and frame.intrinsics is not None
+    scene = of_joint(joint, body_faces)
+    body = Surface(scene.body_vertices, body_faces, body_colours(scene, config), smooth=True)
+    thing = Surface(scene.object_vertices, scene.object_faces, np.array(rgb(config.object_colour)))
+    crop = region_of_interest(frame, detection, config)
+    canvas, _ = _photo(frame.image, crop, config.image_width)
+    return _draw_over(canvas, [body, thing], frame.intrinsics, crop, config), (body, thing)
+
+
 def _reason(cause: Artifact | None, stage: str) -> str:
     if cause is None:
-        return f"Stage {stage} did not run for this frame."
+        return f"Stage {stage} {NOT_RUN}"
     where = cause.failed_stage or stage
     detail = f": {cause.detail}" if cause.detail else ""
     return f"Stage {where} stopped: {cause.status}{detail}"

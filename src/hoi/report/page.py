@@ -7,7 +7,7 @@ shows it as a ``data:`` URL in an iframe.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -27,6 +27,7 @@ from hoi.artifacts import (
 from hoi.errors import AssetError
 from hoi.report.config import ReportConfig
 from hoi.report.html import image_url, render, source
+from hoi.report.labels import method_label
 from hoi.report.outcomes import (
     Outcome,
     describe_action,
@@ -40,6 +41,7 @@ from hoi.report.outcomes import (
     share,
 )
 from hoi.report.overlay import (
+    NOT_RUN,
     Panel,
     body_panel,
     detection_panel,
@@ -53,6 +55,7 @@ if TYPE_CHECKING:
     from hoi.exemplars.library import Exemplar
 
 TRUTH = "truth"
+SHOWN_FIRST = "ours"
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,16 +107,30 @@ def frame_page(
     """
     config = config or ReportConfig()
     scenes, viewer_problem = _scenes(frame, methods, truth, body_faces, config)
+    detected = _picture(detection_panel(frame, detection, config), config)
+    bodies = _shared_panels(
+        methods,
+        "body",
+        lambda method: [body_panel(frame, detection, method.body, body_faces, config)],
+        config,
+    )
+    fits = _shared_panels(
+        methods,
+        "objects",
+        lambda method: exemplar_panels(frame, detection, method.objects, exemplars, config),
+        config,
+    )
     results = [
         (
-            method,
+            method.name,
             [
-                _picture(p, config)
-                for p in joint_panels(frame, detection, method.joint, body_faces, config)
+                _picture(panel, config)
+                for panel in joint_panels(frame, detection, method.joint, body_faces, config)
             ],
         )
         for method in methods
     ]
+    _quieten([detected, *(p for _, panels in (*bodies, *fits, *results) for p in panels)])
     return render(
         "frame.html.j2",
         style=source("style.css") + source("frame.css"),
@@ -124,21 +141,12 @@ def frame_page(
         problem=_problem(frame, detection, methods),
         errors=_errors(methods),
         protocol=_protocol(methods),
-        detection=_picture(detection_panel(frame, detection, config), config),
-        bodies=_shared_panels(
-            methods,
-            "body",
-            lambda m: [body_panel(frame, detection, m.body, body_faces, config)],
-            config,
-        ),
-        fits=_shared_panels(
-            methods,
-            "objects",
-            lambda m: list(exemplar_panels(frame, detection, m.objects, exemplars, config)),
-            config,
-        ),
+        detection=detected,
+        bodies=bodies,
+        fits=fits,
         results=results,
         scenes=scenes,
+        first_scene=next((s["name"] for s in scenes if s["name"] == SHOWN_FIRST), ""),
         viewer_problem=viewer_problem,
         outcomes=_outcomes(detection, methods, config),
         config=config,
@@ -153,13 +161,29 @@ def _picture(panel: Panel, config: ReportConfig) -> dict[str, str]:
         "alt": panel.alt,
         "caption": panel.caption,
         "stopped": panel.stopped,
+        "quiet": "",
         "url": "" if silent else image_url(panel.image, config),
         "width": str(panel.image.shape[1]),
         "height": str(panel.image.shape[0]),
     }
 
 
-def _shared_panels(methods, field, draw, config) -> list[tuple[str, list[dict[str, str]]]]:
+def _quieten(pictures: list[dict[str, str]]) -> None:
+    """Mark every reason after its first telling, and stages that did not run, as quiet."""
+    told: set[str] = set()
+    for picture in pictures:
+        reason = picture["stopped"]
+        if reason in told or reason.endswith(NOT_RUN):
+            picture["quiet"] = "quiet"
+        told.add(reason)
+
+
+def _shared_panels(
+    methods: Sequence[MethodView],
+    field: str,
+    draw: Callable[[MethodView], Sequence[Panel]],
+    config: ReportConfig,
+) -> list[tuple[str, list[dict[str, str]]]]:
     """Panels of an artifact that several methods may share, drawn once; names joined."""
     groups: dict[bytes, list[MethodView]] = {}
     for method in methods:
@@ -168,7 +192,7 @@ def _shared_panels(methods, field, draw, config) -> list[tuple[str, list[dict[st
         groups.setdefault(key, []).append(method)
     return [
         (
-            ", ".join(method.name for method in group) if len(groups) > 1 else "",
+            ", ".join(method_label(method.name) for method in group) if len(groups) > 1 else "",
             [_picture(panel, config) for panel in draw(group[0])],
         )
         for group in groups.values()

@@ -127,7 +127,7 @@ def distance_to_surface(points: np.ndarray, vertices: np.ndarray, faces: np.ndar
 def _tensor(array: np.ndarray, dtype: type):
     import open3d as o3d
 
-    return o3d.core.Tensor(np.ascontiguousarray(array, dtype=dtype))
+    return o3d.core.Tensor.from_numpy(np.ascontiguousarray(array, dtype=dtype))
 
 
 def _nearest(surfaces: list[Surface], rays: Rays) -> tuple[np.ndarray, np.ndarray]:

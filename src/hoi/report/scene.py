@@ -289,6 +289,7 @@ def _obj(parts: dict[str, tuple[np.ndarray, np.ndarray]]) -> str:
 
 def _ply(parts: dict[str, tuple[np.ndarray, np.ndarray]]) -> bytes:
     import trimesh
+    from trimesh.exchange.ply import export_ply
 
     meshes = [trimesh.Trimesh(v, f, process=False) for v, f in parts.values()]
-    return trimesh.util.concatenate(meshes).export(file_type="ply")
+    return export_ply(trimesh.util.concatenate(meshes))

@@ -19,6 +19,7 @@ from typing import Any
 import pandas as pd
 
 from hoi.errors import ArtifactError
+from hoi.report.labels import method_label
 
 COLUMNS = (
     "dataset", "protocol", "masks", "category", "action", "method", "n", "n_failed",
@@ -29,20 +30,13 @@ COLUMNS = (
 AVERAGE = "avg"
 DASH = "–"
 Row = Mapping[str, Any]
+_UNLIMITED = 1000  # characters
 
-METHOD_LABELS = {
-    "phosa": "PHOSA",
-    "ours": "Ours",
-    "paper": "As printed",
-    "no_action": "No action",
-    "no_contact": "No L_contact",
-    "no_normal": "No L_normal",
-}
 ABLATION_ORDER = ("no_action", "no_contact", "no_normal", "ours")
 
 REFERENCE_NOTE = (
     "Columns marked “in print” are the numbers of the 3DV 2022 paper, measured on the real "
-    "BEHAVE with its own detections."
+    "BEHAVE; they are not comparable with those of another data set or protocol."
 )
 MINI_NOTE = (
     "behave_mini is a generated data set: its numbers are not comparable with any measured on "
@@ -129,7 +123,10 @@ def ablation_layout(
 
 
 def as_text(table: LaidOutTable, width: int = 100) -> str:
-    """The table for a terminal of `width` characters, without colours."""
+    """The table for a terminal, without colours; its notes are wrapped to `width` characters.
+
+    Numbers are never cut: a table that needs more than `width` characters takes them.
+    """
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -145,10 +142,11 @@ def as_text(table: LaidOutTable, width: int = 100) -> str:
             drawn.add_section()
         drawn.add_row(label, *cells)
     stream = io.StringIO()
-    console = Console(file=stream, width=width, color_system=None, highlight=False, markup=False)
-    console.print(drawn)
+    plain: dict[str, Any] = {"color_system": None, "highlight": False, "markup": False}
+    Console(file=stream, width=_UNLIMITED, **plain).print(drawn)
+    notes = Console(file=stream, width=width, **plain)
     for line in (table.caption, *table.notes):
-        console.print(line)
+        notes.print(line)
     return "\n".join(line.rstrip() for line in stream.getvalue().splitlines()).strip("\n") + "\n"
 
 
@@ -215,7 +213,7 @@ def _check(results: pd.DataFrame, name: str) -> None:
         raise ArtifactError(f"{name}: action {row['action']}, method {row['method']} appears twice")
 
 
-def _records(rows: pd.DataFrame) -> list[dict[str, Any]]:
+def _records(rows: Any) -> list[dict[str, Any]]:
     return [{str(key): value for key, value in row.items()} for row in rows.to_dict("records")]
 
 
@@ -237,15 +235,17 @@ def _by_action(
     reference: bool,
 ) -> LaidOutTable:
     chosen = list(rows["method"].unique()) if methods is None else list(methods)
-    found = {(row["action"], row["method"]): row for row in _records(rows)}
+    found: dict[tuple[str, str], Row] = {
+        (row["action"], row["method"]): row for row in _records(rows)
+    }
     actions = list(dict.fromkeys(a for a in rows["action"] if a != AVERAGE))
-    if (rows["action"] == AVERAGE).any():
+    if AVERAGE in set(rows["action"]):
         actions.append(AVERAGE)
     heads = _heads(detail)
-    groups = [(METHOD_LABELS.get(name, name), heads) for name in chosen]
+    groups = [(method_label(name), heads) for name in chosen]
     printed = _printed(rows["category"].iloc[0]) if reference else {}
     in_print = [name for name in ("phosa", "ours") if any(m == name for _, m in printed)]
-    groups += [(f"{METHOD_LABELS[name]}, in print", ("H", "O")) for name in in_print]
+    groups += [(f"{method_label(name)}, in print", ("H", "O")) for name in in_print]
     groups.append(("", ("n",)))
     laid = [
         (
@@ -282,7 +282,7 @@ def _by_method(
     groups.append(("", ("n",)))
     laid = [
         (
-            "Ours (full)" if name == "ours" else METHOD_LABELS.get(name, name),
+            "Ours (full)" if name == "ours" else method_label(name),
             (
                 *_cells(averages.get(name), detail),
                 *(_cells(printed.get((AVERAGE, name)), False) if printed else ()),
@@ -316,15 +316,15 @@ def _with_reference(table: LaidOutTable, extra, printed, in_print) -> LaidOutTab
         notes.append(REFERENCE_NOTE)
         for (action, method), row in printed.items():
             if row["note"] and (method in in_print or not in_print):
-                where = f"{METHOD_LABELS[method]}, {'Avg.' if action == AVERAGE else action}"
+                where = f"{method_label(method)}, {'Avg.' if action == AVERAGE else action}"
                 notes.append(f"In print, {where}: {row['note']}.")
     return replace(table, notes=tuple(notes))
 
 
 def _printed(category: str) -> dict[tuple[str, str], Row]:
     table = paper_reference()
-    rows = table[table["table"] == category]
-    return {(row["action"], row["method"]): row for row in _records(rows)}
+    rows = _records(table[table["table"] == category])
+    return {(row["action"], row["method"]): row for row in rows}
 
 
 def _heads(detail: bool) -> tuple[str, ...]:
@@ -360,7 +360,7 @@ def _counts(rows: list[Row | None]) -> str:
 
 def _seconds(found: dict[tuple[str, str], Row], methods: list[str]) -> str:
     told = [
-        f"{METHOD_LABELS.get(name, name)} {found[AVERAGE, name]['seconds_per_frame']:.1f}"
+        f"{method_label(name)} {found[AVERAGE, name]['seconds_per_frame']:.1f}"
         for name in methods
         if (AVERAGE, name) in found and math.isfinite(found[AVERAGE, name]["seconds_per_frame"])
     ]

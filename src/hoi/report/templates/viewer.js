@@ -159,7 +159,7 @@
     window.addEventListener("resize", fit);
     fit();
     const names = Object.keys(scenes);
-    if (names.length) { say(""); show(names[0]); tick(); document.documentElement.dataset.viewer = "ready"; }
+    if (names.length) { say(""); show(scenes[box.dataset.first] ? box.dataset.first : names[0]); tick(); document.documentElement.dataset.viewer = "ready"; }
   } catch (error) {
     document.documentElement.dataset.viewer = "failed";
     say(`The 3D view is not available here (${error.message}). The pictures above show the same scene.`);
