@@ -24,6 +24,7 @@ _SPINE = np.array([[0, 0.112, -0.031], [0, 0.221, -0.023], [0, 0.362, -0.033]]) 
 _UPPER_ARM = 0.244
 _FOREARM = 0.308  # elbow to palm
 _REACH = 0.985  # of the arm's length; a person rarely locks the elbow
+_NEAREST_PALM = 0.177  # metres from the shoulder, with the elbow bent by 145 degrees
 _SPINE_SHARE = (0.3, 0.4, 0.3)  # of the trunk's bend, from spine1 to spine3
 _FLIP = np.diag([-1.0, 1.0, 1.0])  # left-right mirror
 _ELBOW_HANGS = (0.35, -1.0, -0.45)
@@ -98,7 +99,7 @@ def _trunk_rotations(trunk: Trunk) -> dict[str, np.ndarray]:
 
 
 def _leg_rotations(leg: Leg, tilt: float, side: str) -> dict[str, np.ndarray]:
-    level_from_thigh = _turn("zyxy", leg.abduct, leg.splay, -leg.flex, leg.twist)
+    level_from_thigh = _turn("zyxy", leg.abduct, leg.splay, -leg.flex, -leg.twist)
     sole_pitch = leg.knee - leg.flex  # of a foot that stays square to the shin
     rotations = {
         "hip": _turn("x", -tilt) @ level_from_thigh,
@@ -135,8 +136,7 @@ def _arm_rotations(
         chest, shoulder = _FLIP @ chest @ _FLIP, _FLIP @ shoulder
     reach = np.array(arm.palm) - shoulder
     longest = _REACH * (_UPPER_ARM + _FOREARM)
-    shortest = 1.15 * abs(_FOREARM - _UPPER_ARM)
-    distance = float(np.clip(np.linalg.norm(reach), shortest, longest))
+    distance = float(np.clip(np.linalg.norm(reach), _NEAREST_PALM, longest))
     direction = reach / np.linalg.norm(reach)
 
     # the elbow lies on a circle about the line shoulder-palm; it goes where it is told to point

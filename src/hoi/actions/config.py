@@ -20,11 +20,11 @@ ankles, feet, wrists and hands (hardly observed).
 class ActionsConfig(Settings):
     """How a pose becomes an action [paper 3.2]."""
 
-    metric: Literal["rotation_matrix", "axis_angle", "bone_direction"] = Field(
+    metric: Literal["rotation_matrix", "axis_angle"] = Field(
         "rotation_matrix",
         description="what the Euclidean distance is taken over. axis_angle: the model's own "
         "rotation vectors, as in the paper; rotation_matrix: nine numbers a joint, without their "
-        "2 pi wrap; bone_direction: unit vectors of the limbs in the pelvis frame",
+        "2 pi wrap",
     )
     joints: tuple[str, ...] = Field(COMPARED_JOINTS, description="joints that are compared")
     min_conceptnet_weight: float = Field(
@@ -36,6 +36,6 @@ class ActionsConfig(Settings):
 class DatabaseConfig(Settings):
     """How the authored base poses are multiplied into the database."""
 
-    variants: int = Field(10, ge=1, description="draws from the ranges of each base pose")
+    variants: int = Field(16, ge=1, description="draws from the ranges of each base pose")
     jitter_degrees: float = Field(3.0, ge=0, description="sd of the noise on each compared joint")
     seed: int = Field(0, ge=0, description="seed of the draws")

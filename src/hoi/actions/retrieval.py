@@ -10,16 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from hoi.actions.config import ActionsConfig
 from hoi.actions.database import PoseDatabase
-from hoi.body.skeleton import JOINT, NUM_JOINTS, PARENTS
-
-_BONES = {
-    # joint whose rotation moves the bone -> direction of the bone at rest (T-pose)
-    "left_hip": (0, -1, 0), "right_hip": (0, -1, 0),
-    "left_knee": (0, -1, 0), "right_knee": (0, -1, 0),
-    "spine3": (0, 1, 0), "left_collar": (1, 0, 0), "right_collar": (-1, 0, 0),
-    "left_shoulder": (1, 0, 0), "right_shoulder": (-1, 0, 0),
-    "left_elbow": (1, 0, 0), "right_elbow": (-1, 0, 0),
-}  # fmt: skip
+from hoi.body.skeleton import JOINT, NUM_JOINTS
 
 
 class Match(NamedTuple):
@@ -35,27 +26,10 @@ def pose_features(body_pose: np.ndarray, config: ActionsConfig) -> np.ndarray:
     Global orientation is not part of a body pose, so a turned person has the same features.
     """
     poses = np.asarray(body_pose, dtype=np.float64).reshape(-1, NUM_JOINTS - 1, 3)
-    joints = [JOINT[name] for name in config.joints]
+    vectors = poses[:, [JOINT[name] - 1 for name in config.joints]]
     if config.metric == "axis_angle":
-        return poses[:, [joint - 1 for joint in joints]].reshape(len(poses), -1)
-    if config.metric == "rotation_matrix":
-        vectors = poses[:, [joint - 1 for joint in joints]].reshape(-1, 3)
-        return Rotation.from_rotvec(vectors).as_matrix().reshape(len(poses), -1)
-    return _bone_directions(poses, joints)
-
-
-def _bone_directions(poses: np.ndarray, joints: list[int]) -> np.ndarray:
-    local = Rotation.from_rotvec(poses.reshape(-1, 3)).as_matrix()
-    local = local.reshape(len(poses), NUM_JOINTS - 1, 3, 3)
-    pelvis_from_joint = [np.broadcast_to(np.eye(3), (len(poses), 3, 3))]
-    for joint in range(1, NUM_JOINTS):
-        pelvis_from_joint.append(pelvis_from_joint[PARENTS[joint]] @ local[:, joint - 1])
-    directions = [
-        pelvis_from_joint[JOINT[name]] @ np.array(bone, dtype=np.float64)
-        for name, bone in _BONES.items()
-        if JOINT[name] in joints
-    ]
-    return np.concatenate(directions, axis=1)
+        return vectors.reshape(len(poses), -1)
+    return Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(len(poses), -1)
 
 
 class PoseIndex:

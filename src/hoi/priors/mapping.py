@@ -30,7 +30,15 @@ OBJECT_PARTS: dict[str, tuple[str, ...]] = {
     "bowl": ("container",),
     "cup": _MUG,
     "mug": _MUG,
-    "bottle": ("body", "lid", "handle", "mouth"),
+    "bottle": ("body", "lid", "handle"),
+    "laptop": ("screen_side", "base_side"),
+    "trashcan": ("container", "cover"),
+    "skateboard": ("deck", "truck", "wheel"),
+    "surfboard": ("board", "fin"),
+    "skis": ("ski", "binding"),
+    "ball": ("surface",),
+    "bicycle": ("wheel", "frame", "seat", "handlebar", "pedal"),
+    "teddy": ("body", "head", "ear", "arm", "leg"),
 }
 """Category -> part labels that its contacts may name (PartNet's names)."""
 
@@ -70,7 +78,17 @@ _OBJECT_ALIASES: dict[str, dict[str, str]] = {
     "bowl": {"bowl": "container", "rim": "container", "side": "container"},
     "cup": _MUG_ALIASES,
     "mug": _MUG_ALIASES,
-    "bottle": {"bottle": "body", "neck": "body", "cap": "lid", "opening": "mouth"},
+    "bottle": {"bottle": "body", "neck": "body", "cap": "lid", "opening": "lid", "mouth": "lid"},
+    "laptop": {"keyboard": "base_side", "key": "base_side", "base": "base_side",
+               "touchpad": "base_side", "screen": "screen_side", "lid": "screen_side"},
+    "trashcan": {"body": "container", "rim": "container", "lid": "cover"},
+    "skateboard": {"board": "deck", "grip tape": "deck"},
+    "surfboard": {"deck": "board", "surfboard": "board"},
+    "skis": {"boot": "binding", "ski boot": "binding"},
+    "ball": {"ball": "surface", "soccer": "surface", "football": "surface"},
+    # the paper's own prompt spells pedal so
+    "bicycle": {"paddle": "pedal", "saddle": "seat", "handle bar": "handlebar"},
+    "teddy": {"paw": "arm", "belly": "body", "back": "body", "foot": "leg"},
 }  # fmt: skip
 
 _PAIRED = ("hand", "foot", "leg", "arm", "forearm", "thigh")
@@ -113,7 +131,7 @@ def map_object_part(category: str, text: str) -> ObjectPart:
     """
     labels, aliases = OBJECT_PARTS[category], _OBJECT_ALIASES[category]
     for name in _spellings(text):
-        if name in aliases and aliases[name] in labels:
+        if aliases.get(name) in labels:
             return ObjectPart(aliases[name], "alias")
         if name.replace(" ", "_") in labels:
             return ObjectPart(name.replace(" ", "_"), "exact")

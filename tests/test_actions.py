@@ -1,0 +1,274 @@
+"""Action retrieval: pose features, nearest poses, the stage, and the files it reads."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from hoi.actions.config import COMPARED_JOINTS, ActionsConfig
+from hoi.actions.database import (
+    DEFAULT_DATABASE,
+    PoseDatabase,
+    load_database,
+    save_database,
+)
+from hoi.actions.leave_one_out import accuracy_table, leave_one_out
+from hoi.actions.retrieval import PoseIndex, pose_features
+from hoi.actions.space import DEFAULT_ACTION_SPACE, load_action_space
+from hoi.actions.stage import ActionStage
+from hoi.artifacts import BodyFit, Frame
+from hoi.body.skeleton import JOINT
+from hoi.errors import AssetError, FrameFailure
+
+
+@pytest.fixture(scope="module")
+def database() -> PoseDatabase:
+    return load_database(DEFAULT_DATABASE)
+
+
+@pytest.fixture(scope="module")
+def stage() -> ActionStage:
+    return ActionStage(ActionsConfig(), DEFAULT_DATABASE, DEFAULT_ACTION_SPACE)
+
+
+def frame_with(category: str, action: str = "") -> Frame:
+    return Frame(
+        frame_id="f",
+        dataset="test",
+        category=category,
+        action=action,
+        image=np.zeros((2, 2, 3), np.uint8),
+        intrinsics=np.eye(3),
+    )
+
+
+def body_with(body_pose: np.ndarray, global_orient=(0.0, 0.0, 0.0)) -> BodyFit:
+    return BodyFit(
+        frame_id="f",
+        global_orient=np.array(global_orient),
+        body_pose=body_pose,
+        betas=np.zeros(10),
+        transl=np.zeros(3),
+        vertices=np.zeros((4, 3)),
+        joints=np.zeros((24, 3)),
+    )
+
+
+# ------------------------------------------------------------------------------ retrieval
+
+
+@pytest.mark.parametrize("metric", ["rotation_matrix", "axis_angle"])
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_tree_finds_what_brute_force_finds(database, metric, seed):
+    config = ActionsConfig(metric=metric)
+    query = np.random.default_rng(seed).normal(0, 0.7, 69)
+    rows = database.rows_of("chair")
+    features = pose_features(database.body_pose[rows], config)
+    distances = np.linalg.norm(features - pose_features(query[None], config), axis=1)
+    match = PoseIndex(database, "chair", config).nearest(query)
+    assert match.row == rows[np.argmin(distances)]
+    assert match.distance == pytest.approx(distances.min())
+
+
+def test_the_nearest_pose_of_each_action_is_its_minimum_in_order(database):
+    query = database.body_pose[3] + 0.05
+    index = PoseIndex(database, "chair", ActionsConfig())
+    matches = index.nearest_per_action(query)
+    rows = database.rows_of("chair")
+    features = pose_features(database.body_pose[rows], ActionsConfig())
+    distances = np.linalg.norm(features - pose_features(query[None], ActionsConfig()), axis=1)
+    for action, match in matches.items():
+        assert database.actions[match.row] == action
+        assert match.distance == pytest.approx(distances[database.actions[rows] == action].min())
+    assert [m.distance for m in matches.values()] == sorted(m.distance for m in matches.values())
+    assert next(iter(matches.values())) == index.nearest(query)
+
+
+def test_a_pose_of_the_database_finds_itself(database):
+    index = PoseIndex(database, "chair", ActionsConfig())
+    for row in database.rows_of("chair")[::37]:
+        match = index.nearest(database.body_pose[row])
+        assert match.row == row
+        assert match.distance == pytest.approx(0, abs=1e-9)
+
+
+@given(st.floats(0.1, 3.0), st.integers(0, 2**32 - 1))
+def test_rotation_matrices_do_not_see_the_2_pi_wrap(angle, seed):
+    axis = np.random.default_rng(seed).normal(size=3)
+    axis /= np.linalg.norm(axis)
+    first, second = np.zeros((2, 69))
+    knee = 3 * (JOINT["left_knee"] - 1)
+    first[knee : knee + 3] = angle * axis
+    second[knee : knee + 3] = (angle - 2 * np.pi) * axis
+    both = pose_features(np.stack((first, second)), ActionsConfig(metric="rotation_matrix"))
+    assert np.allclose(both[0], both[1], atol=1e-9)
+    apart = pose_features(np.stack((first, second)), ActionsConfig(metric="axis_angle"))
+    assert np.linalg.norm(apart[0] - apart[1]) == pytest.approx(2 * np.pi)
+
+
+def test_rotation_matrix_distance_is_that_of_the_angle_between_rotations():
+    # |R - S| = 2 sqrt(2) sin(angle / 2) in Frobenius norm, for one joint that differs
+    pose = np.zeros((2, 69))
+    elbow = 3 * (JOINT["left_elbow"] - 1)
+    pose[1, elbow : elbow + 3] = Rotation.from_euler("y", -70, degrees=True).as_rotvec()
+    first, second = pose_features(pose, ActionsConfig())
+    expected = 2 * np.sqrt(2) * np.sin(np.deg2rad(70) / 2)
+    assert np.linalg.norm(first - second) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("joint", ["left_wrist", "right_hand", "head", "left_ankle", "right_foot"])
+def test_hardly_observed_joints_do_not_count(joint):
+    assert joint not in COMPARED_JOINTS
+    pose = np.zeros((2, 69))
+    pose[1, 3 * (JOINT[joint] - 1)] = 1.0
+    first, second = pose_features(pose, ActionsConfig())
+    assert np.array_equal(first, second)
+
+
+# ---------------------------------------------------------------------------------- stage
+
+
+def test_the_stage_never_sees_the_true_action(stage, database):
+    pose = database.body_pose[database.rows_of("chair")[0]]
+    answers = {
+        stage(frame=frame_with("chair", action=truth), body=body_with(pose)).to_bytes()
+        for truth in ("", "sit", "lift", "hand")
+    }
+    assert len(answers) == 1
+
+
+def test_which_way_a_person_faces_changes_nothing(stage, database):
+    pose = database.body_pose[database.rows_of("chair")[5]]
+    first = stage(frame=frame_with("chair"), body=body_with(pose))
+    turned = stage(frame=frame_with("chair"), body=body_with(pose, (0.3, 2.0, -1.0)))
+    assert first.to_bytes() == turned.to_bytes()
+
+
+def test_runners_up_are_every_other_action_nearest_first(stage, database):
+    pose = database.body_pose[database.rows_of("chair")[0]] + 0.02
+    action = stage(frame=frame_with("chair"), body=body_with(pose))
+    others = [neighbour.action for neighbour in action.runners_up]
+    assert sorted([action.action, *others]) == database.actions_of("chair")
+    distances = [action.distance, *(neighbour.distance for neighbour in action.runners_up)]
+    assert distances == sorted(distances)
+
+
+def test_only_poses_with_the_frames_object_are_searched(stage, database):
+    typing = database.body_pose[np.flatnonzero(database.pose_ids == "type_seated_00")[0]]
+    with_keyboard = stage(frame=frame_with("keyboard"), body=body_with(typing))
+    with_chair = stage(frame=frame_with("chair"), body=body_with(typing))
+    assert with_keyboard.action == "type"
+    assert with_keyboard.distance == pytest.approx(0, abs=1e-9)
+    assert with_chair.action in database.actions_of("chair")
+
+
+def test_an_unknown_object_is_a_failure_of_the_frame(stage):
+    with pytest.raises(FrameFailure) as failure:
+        stage(frame=frame_with("horse"), body=body_with(np.zeros(69)))
+    assert failure.value.status == "no_pose_for_object"
+    assert "chair" in failure.value.detail
+
+
+@pytest.mark.parametrize(
+    ("category", "action"),
+    [("chair", "sit"), ("stool", "rest"), ("table", "place"), ("keyboard", "type"),
+     ("suitcase", "carry"), ("backpack", "backpack")],
+)  # fmt: skip
+def test_the_default_action_is_the_heaviest_edge_that_has_poses(stage, category, action):
+    artifact = stage(frame=frame_with(category), body=body_with(np.zeros(69)))
+    assert artifact.default_action == action
+
+
+# ------------------------------------------------------------------------------ the files
+
+
+def test_a_database_survives_its_file_and_gives_equal_bytes(tmp_path, database):
+    save_database(database, tmp_path / "a.npz")
+    save_database(load_database(tmp_path / "a.npz"), tmp_path / "b.npz")
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+
+
+def write_npz(path, **changes):
+    arrays = {
+        "pose_ids": np.array(["a", "b"]),
+        "categories": np.array(["chair", "chair"]),
+        "actions": np.array(["sit", "sit"]),
+        "body_pose": np.zeros((2, 69), np.float32),
+    } | changes
+    np.savez(path, **{key: value for key, value in arrays.items() if value is not None})
+    return path
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"actions": None}, "lacks actions"),
+        ({"body_pose": np.zeros((2, 72), np.float32)}, r"shape \(2, 72\)"),
+        ({"body_pose": np.full((2, 69), np.nan)}, "NaN"),
+        ({"pose_ids": np.array(["a", "a"])}, "not unique"),
+        ({"categories": np.array(["chair"])}, "one text per pose"),
+        ({"actions": np.array(["sit", None], dtype=object)}, "not a readable"),
+    ],
+)
+def test_a_damaged_database_is_named_with_its_problem(tmp_path, changes, problem):
+    path = write_npz(tmp_path / "poses.npz", **changes)
+    with pytest.raises(AssetError, match=problem) as error:
+        load_database(path)
+    assert "poses.npz" in str(error.value)
+
+
+def test_an_absent_or_truncated_database_says_so(tmp_path):
+    with pytest.raises(AssetError, match="build_database"):
+        load_database(tmp_path / "none.npz")
+    (tmp_path / "half.npz").write_bytes(DEFAULT_DATABASE.read_bytes()[:5000])
+    with pytest.raises(AssetError, match=r"half\.npz"):
+        load_database(tmp_path / "half.npz")
+
+
+def test_edges_below_the_weight_are_no_actions():
+    everything = load_action_space(DEFAULT_ACTION_SPACE, 1.0)
+    strong = load_action_space(DEFAULT_ACTION_SPACE, 3.0)
+    assert {"sit", "rest", "sleep", "stand on"} <= set(everything.actions_of("chair"))
+    assert list(strong.actions_of("chair")) == ["sit", "rest"]
+    assert all(edge.relation in ("UsedFor", "RelatedTo") for edge in everything.edges)
+
+
+def test_a_bad_edge_is_named_with_its_line(tmp_path):
+    path = tmp_path / "actions.tsv"
+    header = "category\tnoun\trelation\tphrase\tweight\taction\n"
+    path.write_text(header + "chair\tchair\tIsA\tsit\t2\tsit\n")
+    with pytest.raises(AssetError, match="line 2: relation 'IsA'"):
+        load_action_space(path)
+    path.write_text(header + "chair\tchair\tUsedFor\tsit\t\tsit\n")
+    with pytest.raises(AssetError, match="line 2: weight is empty"):
+        load_action_space(path)
+    path.write_text("noun\taction\n")
+    with pytest.raises(AssetError, match="columns"):
+        load_action_space(path)
+
+
+# ------------------------------------------------------------------------- leave one out
+
+
+def test_leave_one_out_counts_every_pose_once_and_never_finds_itself():
+    rng = np.random.default_rng(0)
+    pose = np.repeat(rng.normal(0, 0.5, (2, 69)), 5, axis=0) + rng.normal(0, 0.01, (10, 69))
+    database = PoseDatabase(
+        np.array([f"{'ab'[i // 5]}_{i:02d}" for i in range(10)]),
+        np.array(["chair"] * 10),
+        np.array(["sit"] * 5 + ["lift"] * 5),
+        pose.astype(np.float32),
+    )
+    report = leave_one_out(database, "chair")
+    assert report.accuracy == 1.0
+    assert report.confusion.to_numpy().sum() == 10
+    assert (report.distances > 0).all()
+    # without any variant of its base pose, only the other action is left
+    assert leave_one_out(database, "chair", by="base").accuracy == 0.0
+
+
+def test_the_database_recognises_its_own_chairs(database):
+    table = accuracy_table(database).set_index("category")
+    assert table.loc["chair", "without_the_pose"] > 0.75
+    assert (table["poses"] >= 2 * table["actions"]).all()
