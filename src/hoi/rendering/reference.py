@@ -56,7 +56,7 @@ def silhouette(xy: Tensor, faces: np.ndarray, height: int, width: int) -> Tensor
     image = hard
     for axis in (0, 1):  # 0: pairs side by side, crossed by steep edges; 1: pairs above each other
         image = image + _blends(xy, edges, hard, axis)
-    return image.clamp(0, 1)
+    return image + (image.clamp(0, 1) - image).detach()  # a clamped pixel keeps its gradient
 
 
 def silhouette_loss(xy: Tensor, faces: np.ndarray, mask: Tensor, keep: Tensor) -> Tensor:

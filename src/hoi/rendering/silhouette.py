@@ -67,7 +67,8 @@ def render_silhouette(
     :func:`silhouette_loss`.
     """
     _check(xy, topology)
-    return _SilhouetteImage.apply(xy, topology, height, width, antialias)
+    points = xy if antialias else xy.detach()
+    return _SilhouetteImage.apply(points, topology, height, width, antialias)
 
 
 def pose_silhouette_loss(
@@ -180,15 +181,13 @@ class _SilhouetteImage(torch.autograd.Function):
         points = _as_numpy(xy)
         image = np.empty((len(points), height, width), np.float32)
         kernels.render_images(points, _mesh(topology), bool(antialias), image)
-        ctx.points, ctx.topology, ctx.antialias = points, topology, antialias
+        ctx.points, ctx.topology = points, topology
         return torch.from_numpy(image).to(xy)
 
     @staticmethod
     def backward(ctx, *grads):
         grad = np.zeros_like(ctx.points)
-        if ctx.antialias:
-            image_grad = _as_numpy(grads[0])
-            kernels.image_gradient(ctx.points, _mesh(ctx.topology), image_grad, grad)
+        kernels.image_gradient(ctx.points, _mesh(ctx.topology), _as_numpy(grads[0]), grad)
         return (torch.from_numpy(grad).to(grads[0]), None, None, None, None)
 
 
