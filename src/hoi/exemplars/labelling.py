@@ -14,6 +14,7 @@ import numpy as np
 WHOLE = "whole"
 _CHAIR = ("chair_seat", "chair_back", "chair_base", "chair_arm")
 _SEAT, _BACK, _BASE, _ARM = range(4)
+_HAIR = 0.003  # metres
 
 
 class _Surface(NamedTuple):
@@ -49,8 +50,8 @@ def label_faces(
         parts = np.where(y > low, np.where(y > high + 0.035, _BACK, _SEAT), _BASE)
         return _used(_CHAIR, parts)
     if category == "table":
-        low = seat[0] if seat else _slab_bottom(surface)
-        parts = np.where(surface.centres[:, 1] > low - 0.003, 0, 1)
+        low = seat[0] if seat else _slab_bottom(surface) - _HAIR
+        parts = np.where(surface.centres[:, 1] > low, 0, 1)
         return _used(("tabletop", "table_base"), parts)
     return (WHOLE,), np.zeros(len(faces), np.int64)
 
@@ -92,7 +93,8 @@ def _seat_levels(surface: _Surface, low: float, high: float) -> tuple[float, flo
     under &= (y < top - 0.004) & (y > top - 0.20)
     enough = surface.areas[under].sum() > 0.002 * surface.areas.sum()
     bottom = _quantile(y[under], surface.areas[under], 0.15) if enough else top - 0.06
-    return float(np.clip(bottom, top - 0.16, top - 0.02)), float(top)
+    # A hair lower, so that the underside itself belongs to the seat.
+    return float(np.clip(bottom, top - 0.16, top - 0.02)) - _HAIR, float(top)
 
 
 def _label_chair(

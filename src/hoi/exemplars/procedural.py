@@ -200,9 +200,6 @@ def _seat_base(seat: _Seat, kind: str, bar: float, splay: float) -> list[Manifol
     if kind == "pedestal":
         radius = max(0.18, 0.45 * seat.width)
         return [rod((0, 0.01, 0), (0, top, 0), 0.03, sides=12), disc(radius, 0.03, (0, 0.015, 0))]
-    if kind == "plinth":
-        size = (1.9 * seat.half_width, seat.bottom + 0.3 * seat.thickness, 1.9 * seat.half_depth)
-        return [box(size, (0, size[1] / 2, 0))]
     r = max(0.012, 0.7 * bar)
     if kind == "sled":
         return [
@@ -693,7 +690,7 @@ GENERATORS: dict[str, Generator] = {
             "seat_shape": ("square", "square", "cushion", "cushion", "round"),
             "height": (0.76, 1.04),
             "base": ("legs", "legs", "square legs", "square legs", "braced legs", "ring", "star",
-                     "pedestal", "sled", "cantilever", "plinth"),
+                     "pedestal", "sled", "cantilever"),
             "bar": (0.014, 0.026),
             "splay": (0.0, 0.05),
             "back": ("solid", "solid", "upholstered", "upholstered", "panel", "panel", "shell",

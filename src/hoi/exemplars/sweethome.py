@@ -74,7 +74,7 @@ def parse_obj(text: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """vertices (V, 3), triangles (F, 3) and the `g`/`o` name of each, of an OBJ file.
 
     Polygons become fans; texture and normal indices are ignored; indices may be negative.
-    Raises ValueError when the text has no faces.
+    Raises ValueError when the text has no faces or damaged ones.
     """
     vertices: list[list[float]] = []
     faces: list[tuple[int, int, int]] = []
@@ -94,7 +94,12 @@ def parse_obj(text: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             groups += [group] * len(fan)
     if not faces:
         raise ValueError("no faces")
-    return np.array(vertices), np.array(faces, np.int64), np.array(groups)
+    points, triangles = np.array(vertices), np.array(faces, np.int64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError("a vertex has fewer than three coordinates")
+    if triangles.min() < 0 or triangles.max() >= len(points):
+        raise ValueError("a face refers to a vertex that is not there")
+    return points, triangles, np.array(groups)
 
 
 def _parse_properties(text: str) -> dict[str, str]:
