@@ -340,7 +340,7 @@ def read_ground_truth(root: Path | str, ref: FrameRef, kinect: int = 1) -> Groun
     if person.suffix == ".pkl":
         raise FrameFailure(
             "ground_truth_missing",
-            f"{ref.frame_id} has person_fit.pkl but no person_fit.ply; parameters alone need SMPL-H",
+            f"{ref.frame_id} has person_fit.pkl but no person_fit.ply; parameters need SMPL-H",
         )
     body_vertices, body_faces = _read_mesh(person)
     if thing.suffix == ".ply":

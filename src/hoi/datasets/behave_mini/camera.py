@@ -29,23 +29,26 @@ class Camera:
         seen = self.to_camera(points) @ self.intrinsics.T
         return seen[..., :2] / seen[..., 2:]
 
-    def rays(self, step: int = 1, first_row: int = 0, rows: int | None = None) -> np.ndarray:
-        """(rows, W, 6) float32 world rays through the centres of every `step`-th pixel block.
+    def rays(self, first_row: int = 0, rows: int | None = None) -> np.ndarray:
+        """(rows, W, 6) float32 world rays through the pixel centres of some rows.
 
         Their directions have unit depth, so hit distances are depths along the optical axis.
         """
-        rows = self.height // step if rows is None else rows
-        u = (np.arange(self.width // step) + 0.5) * step
-        v = (np.arange(first_row, first_row + rows) + 0.5) * step
-        k = self.intrinsics
-        direction = np.empty((rows, len(u), 3))
-        direction[..., 0] = ((u - k[0, 2]) / k[0, 0])[None]
-        direction[..., 1] = ((v - k[1, 2]) / k[1, 1])[:, None]
-        direction[..., 2] = 1.0
-        rays = np.empty((rows, len(u), 6), np.float32)
+        directions = self.directions(first_row, rows)
+        rays = np.empty((*directions.shape[:2], 6), np.float32)
         rays[..., :3] = self.position
-        rays[..., 3:] = direction @ self.rotation
+        rays[..., 3:] = directions
         return rays
+
+    def directions(self, first_row: int = 0, rows: int | None = None) -> np.ndarray:
+        """(rows, W, 3) float32 world directions of unit depth through the pixel centres."""
+        rows = self.height if rows is None else rows
+        k = self.intrinsics
+        u = (np.arange(self.width) + 0.5 - k[0, 2]) / k[0, 0]
+        v = (np.arange(first_row, first_row + rows) + 0.5 - k[1, 2]) / k[1, 1]
+        across = (u[:, None] * self.rotation[0]).astype(np.float32)
+        down = (v[:, None] * self.rotation[1] + self.rotation[2]).astype(np.float32)
+        return across[None] + down[:, None]
 
 
 def kinect_intrinsics(width: int) -> np.ndarray:

@@ -33,7 +33,7 @@ from hoi.datasets.behave_layout import (
 from hoi.datasets.behave_mini.camera import Camera, place_camera
 from hoi.datasets.behave_mini.config import BehaveMiniConfig, KeypointNoiseConfig
 from hoi.datasets.behave_mini.materials import Material, Scene, Surface
-from hoi.datasets.behave_mini.person import Person
+from hoi.datasets.behave_mini.person import Person, Pose
 from hoi.datasets.behave_mini.plan import STAGED_ACTIONS, plan, split_table
 from hoi.datasets.behave_mini.render import Hits, RayScene, render
 from hoi.datasets.behave_mini.room import build_room
@@ -159,7 +159,12 @@ def full_object_mask(pair: Pair, camera: Camera) -> np.ndarray:
     scene.surfaces.append(
         Surface("object", pair.object_vertices, thing.faces, thing.vertices, _zeros(thing.faces))
     )
-    return RayScene(scene).first_hits(camera).triangle >= 0
+    rows = camera.project(pair.object_vertices)[:, 1]
+    first = int(np.clip(np.floor(rows.min()) - 1, 0, camera.height - 1))
+    last = int(np.clip(np.ceil(rows.max()) + 1, first + 1, camera.height))
+    mask = np.zeros((camera.height, camera.width), bool)
+    mask[first:last] = RayScene(scene).hit(camera, first, last - first)
+    return mask
 
 
 def _zeros(faces: np.ndarray) -> np.ndarray:
@@ -260,7 +265,7 @@ def _write_ground_truth(folder: Path, ref: FrameRef, pair: Pair, camera: Camera)
     rotations = pair.pose.rotations.copy()
     rotations[0] = Rotation.from_matrix(orient).as_rotvec()
     transl = camera.to_camera(pair.pose.root) - person.rest_joints[0]
-    vertices, joints = person._forward(transl, rotations)
+    vertices, joints = person.skin(Pose(camera.to_camera(pair.pose.root), rotations))
     person_folder = folder / "person" / "fit02"
     _write(person_folder / "person_fit.ply", ply_bytes(vertices, person.faces))
     described = {

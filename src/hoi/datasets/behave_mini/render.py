@@ -23,6 +23,8 @@ from hoi.datasets.behave_mini.wardrobe import Wardrobe
 _BLOCK_ROWS = 192
 _CREASE = np.cos(np.deg2rad(38.0))
 _MIPS = 6
+_LINEAR = ((np.arange(256) / 255) ** 2.2).astype(np.float32)
+_ENCODE = (np.arange(4097) / 4096) ** (1 / 2.2)
 
 
 class Hits(NamedTuple):
@@ -75,10 +77,14 @@ class RayScene:
         for row in range(0, camera.height, _BLOCK_ROWS):
             rows = min(_BLOCK_ROWS, camera.height - row)
             block = np.s_[row : row + rows]
-            rays = camera.rays(1, row, rows)
+            rays = camera.rays(row, rows)
             triangle[block], depth[block], weights = self._cast(rays)
             u[block], v[block] = weights[..., 0], weights[..., 1]
         return Hits(triangle, depth, u, v)
+
+    def hit(self, camera: Camera, first_row: int, rows: int) -> np.ndarray:
+        """(rows, W) bool: the scene is seen at a pixel of these rows."""
+        return self._cast(camera.rays(first_row, rows))[0] >= 0
 
     def surfaces_at(self, hits: Hits) -> np.ndarray:
         """(H, W) index of the surface seen, -1 for none."""
@@ -154,13 +160,13 @@ def render(
     table = np.array([_material_row(m) for m in scene.materials], np.float32)
     atlas, offsets = _mipmapped(scene.textures)
     texture_normals = _face_normals(rays.texture_corners)
-    view = camera.rays(1)[..., 3:]
+    view = camera.directions()
     pixel = 1.0 / float(camera.intrinsics[0, 0])
     albedo = _albedo(
         hits.triangle, hits.depth, points, normals, view, materials, table, texture_normals,
         atlas, offsets, pixel,
     )  # fmt: skip
-    light = _lighting(rays, hits, normals, camera, materials, table, config, rng)
+    light = _lighting(rays, hits, normals, view, camera, table, config, rng)
     shaded = _shade(
         albedo, normals, view, hits.triangle, hits.depth, materials, table,
         camera.position.astype(np.float32), scene.light.astype(np.float32),
@@ -180,7 +186,7 @@ def _face_normals(corners: np.ndarray) -> np.ndarray:
 
 def _mipmapped(textures: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """All textures at all sizes in one array of linear colours, and where each size starts."""
-    linear = [(np.float32(t) / 255) ** 2.2 for t in textures] or [np.ones((SIZE, SIZE, 3), "f4")]
+    linear = [_LINEAR[t] for t in textures] or [np.ones((SIZE, SIZE, 3), "f4")]
     flat, offsets, start = [], np.zeros((len(linear), _MIPS), np.int64), 0
     for index, picture in enumerate(linear):
         for level in range(_MIPS):
@@ -265,9 +271,9 @@ def _albedo(triangle, depth, points, normals, view, materials, table, axes, atla
             x, y, z = points[row, column, 0], points[row, column, 1], points[row, column, 2]
             if m[7] > 0:
                 e, base = 0.004, _wave(x, y, z)
-                normals[row, column, 0] -= m[7] * 0.06 * (_wave(x + e, y, z) - base) / e * 0.16
-                normals[row, column, 1] -= m[7] * 0.06 * (_wave(x, y + e, z) - base) / e * 0.16
-                normals[row, column, 2] -= m[7] * 0.06 * (_wave(x, y, z + e) - base) / e * 0.16
+                normals[row, column, 0] -= m[7] * 0.018 * (_wave(x + e, y, z) - base) / e
+                normals[row, column, 1] -= m[7] * 0.018 * (_wave(x, y + e, z) - base) / e
+                normals[row, column, 2] -= m[7] * 0.018 * (_wave(x, y, z + e) - base) / e
             facing, length, ray = 0.0, 0.0, 0.0
             for k in range(3):
                 facing += normals[row, column, k] * view[row, column, k]
@@ -291,15 +297,15 @@ def _albedo(triangle, depth, points, normals, view, materials, table, axes, atla
     return albedo
 
 
-def _lighting(rays, hits, normals, camera, materials, table, config, rng) -> np.ndarray:
+def _lighting(rays, hits, normals, view, camera, table, config, rng) -> np.ndarray:
     """(H, W, 4): share of the key light that arrives, and the colour of the room's light."""
-    near = _grid(rays, hits, normals, camera, 2)
+    near = _grid(rays, hits, normals, view, camera, 2)
     lit = np.zeros(near.shape)
     for _ in range(config.shadow_rays):
         ball = _unit(rng, len(near.origins)) * rays.scene.light_radius
         lit[near.hit] += ~rays.occluded(near.origins, rays.scene.light + ball)
     lit /= config.shadow_rays
-    far = _grid(rays, hits, normals, camera, 4)
+    far = _grid(rays, hits, normals, view, camera, 4)
     room = np.zeros((*far.shape, 3))
     mean = _mean_reflectance(rays, table)
     ceiling_glow = 0.55
@@ -313,11 +319,11 @@ def _lighting(rays, hits, normals, camera, materials, table, config, rng) -> np.
         room[far.hit] += open_ * (0.45 * upward + 0.75 * seen * upward)
     room *= rays.scene.ambient / config.bounce_rays
     smooth_lit = _smooth(near, lit[..., None], 1)
-    smooth_room = _smooth(_smooth_grid(far), room, 2)
-    full = np.empty((*hits.depth.shape, 4), np.float32)
+    smooth_room = _smooth(far, room, 2)
+    full = np.zeros((*hits.depth.shape, 4), np.float32)
     surface = rays.surfaces_at(hits).astype(np.int32)
-    full[..., :1] = _upsample(smooth_lit, near.surface, near.plane_normals, surface, normals, 2)
-    full[..., 1:] = _upsample(smooth_room, far.surface, far.plane_normals, surface, normals, 4)
+    _upsample(smooth_lit, near.surface, near.plane_normals, surface, normals, 2, full[..., :1])
+    _upsample(smooth_room, far.surface, far.plane_normals, surface, normals, 4, full[..., 1:])
     return full
 
 
@@ -333,20 +339,15 @@ class _Grid(NamedTuple):
     depth: np.ndarray  # (h, w)
 
 
-def _grid(rays: RayScene, hits: Hits, normals: np.ndarray, camera: Camera, step: int) -> _Grid:
+def _grid(rays: RayScene, hits: Hits, normals, view, camera: Camera, step: int) -> _Grid:
     pick = np.s_[step // 2 :: step, step // 2 :: step]
     depth, triangle = hits.depth[pick], hits.triangle[pick]
     hit = triangle >= 0
-    view = camera.rays(1)[pick][..., 3:]
     chosen = np.ascontiguousarray(normals[pick])
-    places = camera.position + view[hit] * depth[hit][:, None]
+    places = camera.position + view[pick][hit] * depth[hit][:, None]
     origins = places + chosen[hit] * 2e-3
     surface = rays.surfaces_at(hits)[pick].astype(np.int32)
     return _Grid(depth.shape, hit, origins, chosen[hit].astype(np.float64), surface, chosen, depth)
-
-
-def _smooth_grid(grid: _Grid) -> _Grid:
-    return grid
 
 
 def _unit(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -357,7 +358,7 @@ def _unit(rng: np.random.Generator, count: int) -> np.ndarray:
 
 def _mean_reflectance(rays: RayScene, table: np.ndarray) -> np.ndarray:
     """(T, 3) reflectance of every triangle without its texture's detail."""
-    means = np.array([((np.float32(t) / 255) ** 2.2).mean((0, 1)) for t in rays.scene.textures])
+    means = np.array([_LINEAR[t[::4, ::4]].mean((0, 1)) for t in rays.scene.textures])
     colour = table[:, :3].copy()
     textured = table[:, 3] >= 0
     colour[textured] *= means[table[textured, 3].astype(int)]
@@ -403,11 +404,14 @@ def _smooth_once(values, surface, normals, depth, step):
 
 
 @numba.njit(cache=True)
-def _upsample(values, coarse_surface, coarse_normals, surface, normals, step):
-    """Bilinear, but only from points of the same surface that face the same way."""
+def _upsample(values, coarse_surface, coarse_normals, surface, normals, step, result):
+    """Bilinear into `result`, but only from points of the same surface that face the same way.
+
+    Where the four nearest points are all of other surfaces, the search widens to sixteen, and in
+    the end takes whatever is near.
+    """
     height, width = surface.shape
     rows, columns, channels = values.shape
-    result = np.zeros((height, width, channels), np.float32)
     half = step // 2
     for row in range(height):
         for column in range(width):
@@ -417,27 +421,30 @@ def _upsample(values, coarse_surface, coarse_normals, surface, normals, step):
             y, x = (row - half) / step, (column - half) / step
             y0, x0 = int(np.floor(y)), int(np.floor(x))
             total = 0.0
-            for dy in range(-1, 3):
-                for dx in range(-1, 3):
-                    r = min(max(y0 + dy, 0), rows - 1)
-                    c = min(max(x0 + dx, 0), columns - 1)
-                    near = max(0.0, 1.5 - abs(y0 + dy - y)) * max(0.0, 1.5 - abs(x0 + dx - x))
-                    w = 1e-6 + near * 1e-3
-                    if coarse_surface[r, c] == own:
+            for reach in range(2):
+                for dy in range(-reach, 2 + reach):
+                    for dx in range(-reach, 2 + reach):
+                        r = min(max(y0 + dy, 0), rows - 1)
+                        c = min(max(x0 + dx, 0), columns - 1)
+                        if coarse_surface[r, c] != own:
+                            continue
+                        away = (1.0 + reach - abs(y0 + dy - y)) * (1.0 + reach - abs(x0 + dx - x))
                         dot = 0.0
                         for k in range(3):
                             dot += normals[row, column, k] * coarse_normals[r, c, k]
-                        w += near * max(dot, 0.02) ** 4
-                    elif coarse_surface[r, c] < 0:
-                        w = 1e-9
-                    else:
-                        w = 1e-6
-                    total += w
-                    for k in range(channels):
-                        result[row, column, k] += w * values[r, c, k]
+                        w = max(away, 0.0) * max(dot, 0.02) ** 4 + 1e-9
+                        total += w
+                        for k in range(channels):
+                            result[row, column, k] += w * values[r, c, k]
+                if total > 1e-3:
+                    break
+            if total == 0.0:
+                r, c = min(max(y0, 0), rows - 1), min(max(x0, 0), columns - 1)
+                total = 1.0
+                for k in range(channels):
+                    result[row, column, k] = values[r, c, k]
             for k in range(channels):
                 result[row, column, k] /= total
-    return result
 
 
 @numba.njit(cache=True)
@@ -484,16 +491,19 @@ def _develop(
 ) -> np.ndarray:
     """Exposure, lens blur, sensor noise and tone curve of a consumer camera."""
     level = np.percentile(radiance[::8, ::8].mean(-1), 80)
-    exposed = radiance * (rng.uniform(0.5, 0.72) / max(float(level), 1e-3))
-    exposed *= rng.uniform(0.94, 1.06, 3).astype(np.float32)
-    y, x = np.mgrid[: camera.height, : camera.width].astype(np.float32)
-    centre = camera.intrinsics[:2, 2]
-    radius = ((x - centre[0]) ** 2 + (y - centre[1]) ** 2) / camera.intrinsics[0, 0] ** 2
-    exposed *= (1.0 - 0.12 * np.minimum(radius, 1.5))[..., None]
+    gain = rng.uniform(0.5, 0.72) / max(float(level), 1e-3) * rng.uniform(0.94, 1.06, 3)
+    centre, focal = camera.intrinsics[:2, 2], camera.intrinsics[0, 0]
+    across = ((np.arange(camera.width) - centre[0]) / focal) ** 2
+    down = ((np.arange(camera.height) - centre[1]) / focal) ** 2
+    falloff = 1.0 - 0.12 * np.minimum(across + down[:, None], 1.5)
+    exposed = radiance * gain.astype(np.float32)
+    exposed *= falloff[..., None].astype(np.float32)
     sigma = config.blur_px * camera.width / 2048
     if sigma > 0.15:
         exposed = cv2.GaussianBlur(exposed, (0, 0), sigma)
-    toned = exposed * (1 + exposed / 6.0) / (1 + exposed / 1.35)  # soft shoulder
-    noise = rng.standard_normal(toned.shape, dtype=np.float32) * config.noise
-    curve = np.clip(toned, 0, 1) ** (1 / 2.2) + noise * (1.3 - np.clip(toned, 0, 1))
-    return np.clip(curve * 255 + 0.5, 0, 255).astype(np.uint8)
+    exposed *= (1 + exposed / 6.0) / (1 + exposed / 1.35)  # soft shoulder
+    np.clip(exposed, 0, 1, out=exposed)
+    curve = (_ENCODE.astype(np.float32) * 255)[(exposed * 4096).astype(np.int32)]
+    noise = rng.standard_normal(exposed.shape, dtype=np.float32)
+    curve += noise * (1.3 - exposed) * np.float32(config.noise * 255)
+    return np.clip(curve + 0.5, 0, 255).astype(np.uint8)

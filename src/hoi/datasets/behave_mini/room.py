@@ -159,8 +159,9 @@ def _cabinet(looks, rng, scene, at, along, inward, ceiling, turn, trim) -> None:
         scene.box(
             "room", _oriented(along, inward, 0.12, 0.015, 0.03), face + [0, y, 0], handle, turn
         )
+        crack = np.array([0, drawer / drawers * height + 0.003, 0])
         scene.box("room", _oriented(along, inward, width * 0.98, 0.006, 0.004),
-                  at + inward * depth + np.array([0, drawer / drawers * height + 0.003, 0]), gap, turn)  # fmt: skip
+                  at + inward * depth + crack, gap, turn)  # fmt: skip
 
 
 def _shelf(looks, rng, scene, at, along, inward, ceiling, turn, trim) -> None:
@@ -177,8 +178,9 @@ def _shelf(looks, rng, scene, at, along, inward, ceiling, turn, trim) -> None:
                   at + inward * depth / 2 + [0, y, 0], board, turn)  # fmt: skip
         if above is not None and rng.random() < 0.8:
             tall, wide = (above - y) * rng.uniform(0.6, 0.85), width * rng.uniform(0.4, 0.95)
-            scene.box("room", _oriented(along, inward, wide, tall, depth * 0.7),
-                      at + inward * depth * 0.4 + [0, y + 0.01 + tall / 2, 0], spines, turn)  # fmt: skip
+            place = at + inward * depth * 0.4 + [0, y + 0.01 + tall / 2, 0]
+            size = _oriented(along, inward, wide, tall, depth * 0.7)
+            scene.box("room", size, place, spines, turn)
 
 
 def _plant(looks, rng, scene, at, along, inward, ceiling, turn, trim) -> None:
@@ -189,8 +191,8 @@ def _plant(looks, rng, scene, at, along, inward, ceiling, turn, trim) -> None:
     base = at + inward * 0.25
     scene.box("room", (0.26, 0.28, 0.26), base + [0, 0.14, 0], pot, turn)
     count, spread, tall = 90, rng.uniform(0.18, 0.3), rng.uniform(0.5, 1.0)
-    centre = base + [0, 0.28 + tall / 2, 0] + rng.normal(0, 1, (count, 3)) * [spread / 1.5, tall / 4,
-                                                                           spread / 1.5]  # fmt: skip
+    cloud = rng.normal(0, 1, (count, 3)) * [spread / 1.5, tall / 4, spread / 1.5]
+    centre = base + [0, 0.28 + tall / 2, 0] + cloud
     first = rng.normal(0, 1, (count, 3))
     first *= rng.uniform(0.06, 0.14, (count, 1)) / np.linalg.norm(first, axis=1, keepdims=True)
     second = rng.normal(0, 1, (count, 3)) * 0.03
@@ -230,6 +232,11 @@ def _light(rng, scene, low, high, ceiling, turn, pair) -> None:
         local = np.clip(inside @ turn, low + 0.3, high - 0.3)
         scene.light = turn @ (local * [1, 0, 1]) + [0, ceiling - 0.12, 0]
         scene.light_radius = rng.uniform(0.15, 0.35)
+        shade = scene.material(Material((0.9, 0.9, 0.88), glow=2.0))
+        wide = 2 * scene.light_radius
+        scene.box(
+            "room", (wide, 0.03, wide), local * [1, 0, 1] + [0, ceiling - 0.015, 0], shade, turn
+        )
         warmth = np.array([1.0, rng.uniform(0.88, 1.0), rng.uniform(0.72, 1.0)])
     else:
         local = np.array([rng.choice([low[0] + 0.2, high[0] - 0.2]), 1.6,
@@ -237,6 +244,6 @@ def _light(rng, scene, low, high, ceiling, turn, pair) -> None:
         scene.light = turn @ local
         scene.light_radius = rng.uniform(0.4, 0.7)
         warmth = np.array([rng.uniform(0.9, 1.0), rng.uniform(0.95, 1.0), 1.0])
-    scene.key = warmth * rng.uniform(0.5, 1.1)
+    scene.key = warmth * rng.uniform(0.7, 1.4)
     scene.ambient = np.array([1.0, rng.uniform(0.94, 1.0), rng.uniform(0.86, 1.04)])
     scene.ambient = scene.ambient * rng.uniform(0.5, 0.85)

@@ -18,6 +18,7 @@ from hoi.datasets.behave_mini.collision import Solid
 from hoi.datasets.behave_mini.config import BehaveMiniConfig
 from hoi.datasets.behave_mini.person import SIDES, Person, Pose
 from hoi.datasets.behave_mini.reaching import (
+    Aim,
     Balance,
     Clearance,
     Reach,
@@ -241,10 +242,10 @@ class _Try:
 
 def _by_height(height: float) -> tuple[np.ndarray, ...]:
     """Poses whose hands are roughly at this height without much reaching."""
-    if height < 0.5:
+    if height < 0.45:
         return poses.SQUAT + poses.STOOP
-    if height < 0.72:
-        return poses.STOOP + poses.LEAN
+    if height < 0.68:
+        return poses.STOOP
     if height < 0.95:
         return poses.LEAN + poses.LIFT
     if height < 1.25:
@@ -286,10 +287,11 @@ def _sit(t: _Try, seat: _Seat, rotation: np.ndarray, translation: np.ndarray) ->
             x = root[0] + sign * (spread + t.uniform(-0.03, 0.03))
             feet += foot_on(person, side, x, z, turn_out=t.uniform(0, 0.35))
     pose = Pose(root, rotations)
+    upright = _upright(t, 0.12) if seat.backrest is None and not rising else []
     lean_back = not rising and seat.backrest is not None and t.chance(0.75)
     gap = t.uniform(-0.004, 0.01)
     for _ in range(3):  # the flesh decides where the pelvis ends up: measure, correct
-        keep = [Reach("pelvis", root, weight=30.0), Clearance(person.height / 1.7), *feet]
+        keep = [Reach("pelvis", root, weight=30.0), Clearance(person.height / 1.7), *feet, *upright]
         pose = solve(person, Pose(root, rotations), keep, 0.0, 0.25)
         vertices, _ = person.skin(pose)
         bottom = np.percentile(vertices[person.parts["butt"], 1], 5)
@@ -301,12 +303,20 @@ def _sit(t: _Try, seat: _Seat, rotation: np.ndarray, translation: np.ndarray) ->
         if np.abs(change).max() < 0.003:
             break
     grips = _sitting_hands(t, pose, rotation, translation, rising)
-    tasks = [Reach("pelvis", pose.root, weight=40.0), Clearance(person.height / 1.7), *feet]
+    tasks: list[Task] = [Reach("pelvis", pose.root, weight=40.0), *feet, *upright]
+    tasks.append(Clearance(person.height / 1.7))
     pose = t.reach(pose, tasks + t.hold(grips, 0.4), grips, 0.25)
     return Proposal(
         pose, rotation, translation, [(s, p) for s, p, _ in grips],
         feet="free" if dangle else "floor", sink=0.05,
     )  # fmt: skip
+
+
+def _upright(t: _Try, lean: float) -> list[Task]:
+    """The trunk stands up by itself, leaning forward by about `lean` radians."""
+    angle = lean + t.rng.normal(0.0, 0.08)
+    up = np.array([0.0, np.cos(angle), np.sin(angle)])
+    return [Aim("spine2", UP, up, 2.5), Aim("pelvis", UP, np.array([0.0, 1.0, 0.0]), 1.2)]
 
 
 def _behind(back: np.ndarray, backrest: Surface) -> float:
@@ -483,7 +493,7 @@ def _carried(
     grips.sort(key=lambda g: -g[0][0])
     translation = np.array([0.0, height, 0.0]) + t.on_floor(rotation)
     middle = np.mean([g[0] for g in grips], axis=0)
-    pose, tasks, feet = t.standing(_by_height(middle[1] + translation[1]))
+    pose, tasks, _ = t.standing(_by_height(middle[1] + translation[1]))
     chest = t.person.skin(pose)[1][JOINT["spine3"]]
     translation[0] = chest[0] + t.rng.normal(0, 0.04) - middle[0]
     translation[2] = chest[2] + ahead - middle[2]
@@ -795,7 +805,7 @@ def _typing(t: _Try) -> Proposal | None:
         desk, seat_height = t.uniform(0.68, 0.75), t.uniform(0.42, 0.47)
         rotations = t.base(poses.SIT)
         root = np.array([0.0, seat_height + 0.09, 0.0])
-        feet: list[Task] = []
+        feet: list[Task] = _upright(t, 0.1)
         for side, sign in zip(SIDES, (1, -1), strict=True):
             feet += foot_on(person, side, sign * t.uniform(0.09, 0.2), t.uniform(0.28, 0.45))
         pose = Pose(root, rotations)

@@ -101,7 +101,7 @@ def plaster(rng: np.random.Generator, tone: np.ndarray | None = None) -> np.ndar
 
 
 def carpet(rng: np.random.Generator) -> np.ndarray:
-    tone = hsv(rng, saturation=(0.05, 0.5), value=(0.25, 0.7))
+    tone = hsv(rng, saturation=(0.03, 0.32), value=(0.25, 0.7))
     tuft = cv2.GaussianBlur(rng.standard_normal((SIZE, SIZE)).astype(np.float32), (0, 0), 1.0)
     return _finish(np.asarray(tone) * (1.0 + 0.35 * tuft + 0.2 * (fractal(rng) - 0.5))[..., None])
 

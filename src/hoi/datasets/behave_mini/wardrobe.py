@@ -53,13 +53,13 @@ class Wardrobe:
         result[trunk] = self.shirt
         result[low & (y > self.hem)] = self.trousers
         result[y < self.ankle] = self.shoes
-        result[y < self.floor + 0.018] = self.sole
+        result[y < self.floor + 0.006] = self.sole
         on_head = (y > self.head[1] - 0.03) & (side < 0.14)
         behind = z < self.head[2] + 0.005
         line = np.where(behind, self.hair_back, self.hair_front) + wave
         line = np.where(behind & (z > self.head[2] - 0.045), self.hair_back + 0.045, line)
         result[on_head & (y > line)] = self.hair
-        long_hair = behind & (side < 0.09) & (y > self.hair_back + wave) & (y > self.head[1] - 0.2)
+        long_hair = behind & (side < 0.09) & (y > self.hair_back + wave) & (y > self.collar + 0.02)
         result[long_hair & (z < self.head[2] - 0.04)] = self.hair
         self._paint_face(points, result)
         return result
@@ -102,7 +102,6 @@ def dress(rng: np.random.Generator, person: Person, scene: Scene) -> Wardrobe:
     knee, ankle = joints[JOINT["left_knee"]], joints[JOINT["left_ankle"]]
     points = person.keypoints(Pose(joints[0], np.zeros((24, 3))))
     head, floor = joints[JOINT["head"]], person.rest_vertices[:, 1].min()
-    top = person.rest_vertices[:, 1].max()
     eyes = points[[KEYPOINT["left_eye"], KEYPOINT["right_eye"]]]
     return Wardrobe(
         skin=skin,

@@ -1,0 +1,15 @@
+"""Settings of a folder of photos."""
+
+from pydantic import Field
+
+from hoi.settings import Settings
+
+
+class PhotosConfig(Settings):
+    """Where photos are, and what is assumed of a camera that does not say."""
+
+    folder: str = Field("examples/photos", description="jpg, png and webp files are read")
+    default_field_of_view_deg: float = Field(
+        55.0, gt=5, lt=150, description="of the longer side, for photos without EXIF focal length"
+    )
+    max_side: int = Field(2048, ge=128, description="larger photos are scaled down to this, pixels")
