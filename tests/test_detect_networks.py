@@ -105,11 +105,32 @@ def test_the_pose_detectors_anchors_are_as_many_as_its_outputs():
 def test_a_crop_maps_its_centre_and_its_upright_axis():
     from hoi.detect.blazepose import Crop
 
-    crop = Crop(np.array([30.0, 40.0]), 128.0, np.pi / 2)
-    affine = crop.image_from_crop()
-    np.testing.assert_allclose(affine @ [128, 128, 1], [30, 40])
+    intrinsics = np.array([[5000.0, 0, 30], [0, 5000, 40], [0, 0, 1]])
+    homography = Crop(np.array([30.0, 40.0]), 128.0, np.pi / 2).image_from_crop(intrinsics)
+
+    def mapped(x, y):
+        point = homography @ [x, y, 1]
+        return point[:2] / point[2]
+
+    np.testing.assert_allclose(mapped(128, 128), [30, 40])
     # a quarter turn: the crop's up is the picture's right
-    np.testing.assert_allclose(affine @ [128, 0, 1], [30 + 64, 40], atol=1e-9)
+    np.testing.assert_allclose(mapped(128, 0), [30 + 64, 40], atol=1e-9)
+
+
+def test_a_crop_at_the_side_shows_what_a_turned_camera_sees():
+    from hoi.detect.blazepose import Crop
+
+    intrinsics = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    crop = Crop(np.array([700.0, 300.0]), 200.0, 0.3)
+    ray = np.linalg.inv(intrinsics) @ [700, 300, 1]
+    ball = 4 * ray / np.linalg.norm(ray)
+    around = np.random.default_rng(0).normal(size=(50, 3))
+    around = ball + 0.5 * around / np.linalg.norm(around, axis=1, keepdims=True)
+    seen = (around @ intrinsics.T) @ np.linalg.inv(crop.image_from_crop(intrinsics)).T
+    turned = around @ crop.camera_from_crop(intrinsics)
+    # the same picture up to the turned camera's own intrinsics: centred, square pixels
+    zoom = (seen[:, :2] / seen[:, 2:] - 128) / (turned[:, :2] / turned[:, 2:])
+    np.testing.assert_allclose(zoom, zoom.mean(), rtol=1e-6)
 
 
 def test_a_view_at_the_principal_point_is_the_cameras_own():
@@ -249,3 +270,71 @@ class TestOnPhotos:
         result = stage(given, seed=0)
         assert result.landmarks_source == "blazepose"
         assert np.abs(result.landmarks - skier.landmarks).max() < 0.15
+
+
+# ---------------------------------------------------------- against a body whose pose is known
+
+INTRINSICS = np.array([[488.0, 0, 512], [0, 488, 384], [0, 0, 1]])  # BEHAVE's, halved
+
+
+def rendered_body(sideways: float, yaw: float):
+    """A shaded picture of the default body, its box and its true keypoints (21, 3) in metres."""
+    import torch
+
+    from hoi.body import DEFAULT_BODY, BodyModel
+    from hoi.body.skeleton import JOINT
+    from hoi.rendering import depth_map
+
+    model = BodyModel.load(DEFAULT_BODY)
+    turned = cv2.Rodrigues(np.diag([1.0, -1, -1]) @ cv2.Rodrigues(np.array([0, yaw, 0.0]))[0])[0]
+    pose = np.zeros((23, 3))
+    pose[JOINT["left_shoulder"] - 1] = 0, -0.5, -0.7
+    pose[JOINT["right_shoulder"] - 1] = 0, 0, 1.1
+    pose[JOINT["left_hip"] - 1] = -0.7, 0, 0.1
+    pose[JOINT["left_knee"] - 1] = 0.7, 0, 0
+    inputs = [
+        torch.tensor(np.reshape(value, (1, -1)), dtype=torch.float32)
+        for value in (turned, pose, np.zeros(model.num_betas), [sideways, 0, 2.4])
+    ]
+    vertices = model.forward(*inputs).vertices[0].numpy()
+    keypoints = model.keypoints(*inputs)[0].numpy()
+    depth = depth_map(vertices, model.faces, INTRINSICS, 768, 1024)
+    seen = np.isfinite(depth)
+    rows, columns = np.indices(depth.shape)
+    rays = np.stack([(columns - 511.5) / 488, (rows - 383.5) / 488, np.ones(depth.shape)], -1)
+    points = rays * np.where(seen, depth, 5)[..., None]
+    normals = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0))
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    light = np.clip(normals @ np.array([0.4, 0.7, 0.6]), -1, 1)
+    image = np.full((*depth.shape, 3), 170.0)
+    image[seen] = (80 + 110 * np.abs(light[seen]))[:, None] * np.array([1.0, 0.8, 0.7])
+    columns, rows = np.flatnonzero(seen.any(0)), np.flatnonzero(seen.any(1))
+    box = (columns[0], rows[0], columns[-1] + 1, rows[-1] + 1)
+    return image.clip(0, 255).astype(np.uint8), tuple(map(float, box)), keypoints
+
+
+@pytest.mark.models
+@pytest.mark.skipif(bool(_REASON), reason=_REASON)
+@pytest.mark.parametrize("sideways", [-1.4, 0.0, 1.4])
+@pytest.mark.parametrize("yaw", [0.0, 0.9])
+def test_landmarks_agree_with_the_body_that_was_rendered(stage, sideways, yaw):
+    image, box, truth = rendered_body(sideways, yaw)
+    pose = stage._pose(image, box, INTRINSICS)
+    assert pose is not None
+    truth_px = truth @ INTRINSICS.T
+    truth_px = truth_px[:, :2] / truth_px[:, 2:]
+    size = longer_side(box)
+    assert np.median(np.linalg.norm(pose.keypoints[:, :2] - truth_px, axis=1)) < 0.04 * size
+    hips = truth[[KEYPOINT["left_hip"], KEYPOINT["right_hip"]]].mean(0)
+    assert np.linalg.norm(pose.landmarks - (truth - hips), axis=1).mean() < 0.2
+
+    def heading(points):  # of the hips and shoulders, seen from above
+        across = sum(
+            points[KEYPOINT[f"left_{part}"]] - points[KEYPOINT[f"right_{part}"]]
+            for part in ("hip", "shoulder")
+        )
+        return np.degrees(np.arctan2(across[2], across[0]))
+
+    # 15 to 30 degrees at the sides if the crop were just cut out of the picture
+    error = (heading(pose.landmarks) - heading(truth) + 180) % 360 - 180
+    assert abs(error) < 15

@@ -30,26 +30,42 @@ _OUTSIDE_LOGIT = -10.0
 
 @dataclass(frozen=True)
 class Crop:
-    """A rotated square of the image: centre and side in pixels, rotation in radians."""
+    """A square view of the image: its centre and side in pixels, its roll in radians.
+
+    The crop is what a camera turned towards `centre` would see, not a piece cut out: in a wide
+    picture a person at the side is stretched and seen at an angle, and a landmark model, which
+    takes every crop for a picture of its own, would answer with a body turned by half that angle.
+    """
 
     centre: np.ndarray
     side: float
-    rotation: float
+    roll: float
 
-    def image_from_crop(self) -> np.ndarray:
-        """(2, 3) affine map from the 256 x 256 crop, continuous coordinates."""
-        turn = _turn(self.rotation) * (self.side / LANDMARK_SIDE)
-        return np.column_stack([turn, self.centre - turn @ np.full(2, LANDMARK_SIDE / 2)])
+    def camera_from_crop(self, intrinsics: np.ndarray) -> np.ndarray:
+        """(3, 3) rotation to camera axes from those of the turned camera."""
+        turn = np.eye(3)
+        turn[:2, :2] = _turn(self.roll)
+        return camera_from_view(self.centre, intrinsics) @ turn
+
+    def image_from_crop(self, intrinsics: np.ndarray) -> np.ndarray:
+        """(3, 3) homography from the 256 x 256 crop, continuous coordinates."""
+        rotation = self.camera_from_crop(intrinsics)
+        # Off the axis an image is stretched by 1 / cos along the circle around the principal
+        # point and by 1 / cos^2 across it; the crop is sized by the mean.
+        focal = np.sqrt(intrinsics[0, 0] * intrinsics[1, 1]) / rotation[2, 2] ** 1.5
+        zoom, half = focal * LANDMARK_SIDE / self.side, LANDMARK_SIDE / 2
+        crop = np.array([[zoom, 0, half], [0, zoom, half], [0, 0, 1.0]])
+        return intrinsics @ rotation @ np.linalg.inv(crop)
 
 
 @dataclass(frozen=True)
 class _Reading:
     """The landmark model's answer, in image coordinates."""
 
-    crop: Crop
+    image_from_crop: np.ndarray  # (3, 3)
     points: np.ndarray  # (39, 2) pixels
     confidence: np.ndarray  # (39,)
-    world: np.ndarray  # (39, 3) metres
+    world: np.ndarray  # (39, 3) metres, camera axes
     mask_logits: np.ndarray  # (256, 256) on the crop
     score: float
 
@@ -73,19 +89,20 @@ class BlazePose:
 
     def __call__(self, image: np.ndarray, box: Box, intrinsics: np.ndarray) -> PersonPose | None:
         """The person in `box` (x0, y0, x1, y1), or None when the model sees nobody there."""
-        readings = [self._read(image, crop) for crop in self._first_crops(image, box)]
+        crops = self._first_crops(image, box)
+        readings = [self._read(image, crop, intrinsics) for crop in crops]
         best = max(readings, key=lambda reading: self._rank(reading, box, image.shape[:2]))
         for _ in range(self.config.passes - 1):
             crop = self._recentred(best)
             if crop is None:
                 break
-            again = self._read(image, crop)
+            again = self._read(image, crop, intrinsics)
             if not self._stays(again, best, box, image.shape[:2]):
                 break
             best = again
         if best.score < self.config.minimum_score:
             return None
-        return self._pose(best, box, intrinsics, image.shape[:2])
+        return self._pose(best, box, image.shape[:2])
 
     def _first_crops(self, image: np.ndarray, box: Box) -> list[Crop]:
         """The box's own square, and the detector's if it sees the same person."""
@@ -134,9 +151,9 @@ class BlazePose:
             return None
         return self._crop_of(centre, circle)
 
-    def _read(self, image: np.ndarray, crop: Crop) -> _Reading:
-        image_from_crop = crop.image_from_crop()
-        pixels = cv2.warpAffine(
+    def _read(self, image: np.ndarray, crop: Crop, intrinsics: np.ndarray) -> _Reading:
+        image_from_crop = crop.image_from_crop(intrinsics)
+        pixels = cv2.warpPerspective(
             image,
             _between_centres(image_from_crop),
             (LANDMARK_SIDE, LANDMARK_SIDE),
@@ -145,15 +162,14 @@ class BlazePose:
         landmarks, score, mask, world = self._landmarks(
             pixels.astype(np.float32) / 255, (195,), (1,), (256, 256, 1), (117,)
         )
-        landmarks, world = landmarks.reshape(39, 5), world.reshape(39, 3).copy()
-        # The model sees a turned picture: turn its 3D landmarks back about the viewing axis.
-        world[:, :2] = world[:, :2] @ _turn(crop.rotation).T
+        landmarks, world = landmarks.reshape(39, 5), world.reshape(39, 3)
+        points = np.column_stack([landmarks[:, :2], np.ones(39)]) @ image_from_crop.T
         return _Reading(
-            crop,
-            landmarks[:, :2] @ image_from_crop[:, :2].T + image_from_crop[:, 2],
+            image_from_crop,
+            points[:, :2] / points[:, 2:],
             np.minimum(_sigmoid(landmarks[:, 3]), _sigmoid(landmarks[:, 4])),
-            world,
-            mask[..., 0].copy(),
+            world @ crop.camera_from_crop(intrinsics).T,
+            mask[..., 0],
             float(score[0]),
         )
 
@@ -175,26 +191,26 @@ class BlazePose:
         needed = min(self.config.minimum_inside, self._inside(before, box, shape))
         return again.score >= self.config.minimum_score and inside >= needed and inside > 0
 
-    def _pose(
-        self, reading: _Reading, box: Box, intrinsics: np.ndarray, shape: tuple[int, ...]
-    ) -> PersonPose:
+    def _pose(self, reading: _Reading, box: Box, shape: tuple[int, ...]) -> PersonPose:
         height, width = shape
         # What lies outside the picture was guessed, not seen.
         seen = _within(reading.points[:_BODY], (0, 0, width, height))
         confidence = np.where(seen, reading.confidence[:_BODY], 0.0)
         points = np.column_stack([reading.points[:_BODY], confidence])
-        world = reading.world[:_BODY] @ camera_from_view(reading.crop.centre, intrinsics).T
+        world = reading.world[:_BODY]
         hips = world[_HIPS].mean(0)
-        logits = cv2.warpAffine(
+        probability = np.zeros((height, width), np.float32)
+        rows, columns = pixel_window(
+            grown(box, self.config.box_slack * longer_side(box)), height, width
+        )
+        logits = cv2.warpPerspective(
             reading.mask_logits,
-            _between_centres(reading.crop.image_from_crop()),
-            (width, height),
+            _shift(-columns.start, -rows.start) @ _between_centres(reading.image_from_crop),
+            (columns.stop - columns.start, rows.stop - rows.start),
             flags=cv2.INTER_LINEAR,
             borderValue=_OUTSIDE_LOGIT,
         )
-        probability = np.zeros((height, width), np.float32)
-        window = pixel_window(grown(box, self.config.box_slack * longer_side(box)), height, width)
-        probability[window] = _sigmoid(logits[window])
+        probability[rows, columns] = _sigmoid(logits)
         return PersonPose(
             convert_keypoints(points, FROM_BLAZEPOSE33),
             convert_keypoints(world - hips, FROM_BLAZEPOSE33),
@@ -215,12 +231,7 @@ def detector_anchors() -> np.ndarray:
 
 
 def camera_from_view(centre: np.ndarray, intrinsics: np.ndarray) -> np.ndarray:
-    """(3, 3) rotation to camera axes from the axes of a camera that looks at pixel `centre`.
-
-    The landmark model sees a crop and answers as if the camera looked straight at it. Without this
-    turn a person at the side of a wide picture comes out facing the wrong way by the angle of the
-    ray (46 degrees at the border of a BEHAVE image).
-    """
+    """(3, 3) rotation to camera axes from the axes of a camera that looks at pixel `centre`."""
     ray = np.linalg.solve(intrinsics, np.array([centre[0], centre[1], 1.0]))
     ray /= np.linalg.norm(ray)
     axis = np.cross([0.0, 0.0, 1.0], ray)
@@ -254,11 +265,13 @@ def _turn(angle: float) -> np.ndarray:
     return np.array([[cosine, -sine], [sine, cosine]])
 
 
-def _between_centres(affine: np.ndarray) -> np.ndarray:
+def _shift(x: float, y: float) -> np.ndarray:
+    return np.array([[1.0, 0, x], [0, 1, y], [0, 0, 1]])
+
+
+def _between_centres(homography: np.ndarray) -> np.ndarray:
     """OpenCV counts from pixel centres: the same map between integer pixel indices."""
-    shifted = affine.copy()
-    shifted[:, 2] += affine[:, :2] @ np.full(2, 0.5) - 0.5
-    return shifted
+    return _shift(-0.5, -0.5) @ homography @ _shift(0.5, 0.5)
 
 
 def _within(points: np.ndarray, box: Sequence[float]) -> np.ndarray:
