@@ -6,9 +6,17 @@ from hoi.settings import Settings
 
 
 class PhotosConfig(Settings):
-    """Where photos are, and what is assumed of a camera that does not say."""
+    """Where photos are, what is in them, and what is assumed of a camera that does not say."""
 
     folder: str = Field("examples/photos", description="jpg, png and webp files are read")
+    objects: dict[str, str] = Field(
+        {},
+        description="photo (file name without suffix) -> object category; goes before the files "
+        "<photo>.yaml and objects.yaml in the folder",
+    )
+    default_object: str = Field(
+        "auto", description="category of photos nobody named: auto lets the detector choose"
+    )
     default_field_of_view_deg: float = Field(
         55.0, gt=5, lt=150, description="of the longer side, for photos without EXIF focal length"
     )
