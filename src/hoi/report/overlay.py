@@ -404,7 +404,7 @@ def _reason(cause: Artifact | None, stage: str) -> str:
         return f"Stage {stage} {NOT_RUN}"
     where = cause.failed_stage or stage
     detail = f": {cause.detail}" if cause.detail else ""
-    return f"Stage {where} stopped: {cause.status}{detail}"
+    return f"Stage {where} stopped: {cause.status.replace('_', ' ')}{detail}"
 
 
 def _drawable(detection: Detection) -> bool:

@@ -245,15 +245,15 @@ def _by_action(
     groups = [(method_label(name), heads) for name in chosen]
     printed = _printed(rows["category"].iloc[0]) if reference else {}
     in_print = [name for name in ("phosa", "ours") if any(m == name for _, m in printed)]
-    groups += [(f"{method_label(name)}, in print", ("H", "O")) for name in in_print]
     groups.append(("", ("n",)))
+    groups += [(f"{method_label(name)}, in print", ("H", "O")) for name in in_print]
     laid = [
         (
             "Avg." if action == AVERAGE else str(action).capitalize(),
             (
                 *(c for name in chosen for c in _cells(found.get((action, name)), detail)),
-                *(c for name in in_print for c in _cells(printed.get((action, name)), False)),
                 _counts([found.get((action, name)) for name in chosen]),
+                *(c for name in in_print for c in _cells(printed.get((action, name)), False)),
             ),
         )
         for action in actions
@@ -276,22 +276,22 @@ def _by_method(
         known = [name for name in ABLATION_ORDER if name in averages]
         methods = [*(name for name in averages if name not in known), *known]
     printed = _printed("ablation") if reference else {}
-    groups = [("", _heads(detail))]
+    groups = [("", _heads(detail)), ("", ("n",))]
     if printed:
         groups.append(("in print", ("H", "O")))
-    groups.append(("", ("n",)))
     laid = [
         (
             "Ours (full)" if name == "ours" else method_label(name),
             (
                 *_cells(averages.get(name), detail),
-                *(_cells(printed.get((AVERAGE, name)), False) if printed else ()),
                 _counts([averages.get(name)]),
+                *(_cells(printed.get((AVERAGE, name)), False) if printed else ()),
             ),
         )
         for name in methods
     ]
     table = _frame_of(rows, protocol, "Method", groups, laid, detail)
+    table = replace(table, title=f"{table.title}, ablation")
     return _with_reference(table, [], printed, ["ours"])
 
 

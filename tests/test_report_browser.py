@@ -1,0 +1,254 @@
+"""Pages in a real browser, without a network: the 3D view draws, nothing is asked for."""
+
+from __future__ import annotations
+
+import base64
+import os
+import re
+import shutil
+import socketserver
+import subprocess
+import threading
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import report_synthetic as synthetic
+from hoi.report.config import ReportConfig
+from hoi.report.gallery import gallery_page
+from hoi.report.page import frame_page
+from test_report_gallery import good, half, lost
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+CHROMIUM = next((path for path in map(shutil.which, NAMES) if path), None)
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt-get install chromium"),
+]
+
+CONFIG = ReportConfig(image_width=160, tile_width=64, supersampling=1)
+QUIET = (
+    "--headless",
+    "--no-sandbox",
+    "--hide-scrollbars",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-default-apps",
+    "--no-first-run",
+    "--disable-domain-reliability",
+    "--disable-features=OptimizationHints,MediaRouter",
+    "--enable-logging=stderr",
+)
+
+
+@pytest.fixture(scope="module")
+def requests():
+    """A proxy that answers nothing and remembers who knocked: every request would land here."""
+    seen: list[bytes] = []
+
+    class Knock(socketserver.StreamRequestHandler):
+        def handle(self):
+            seen.append(self.rfile.readline())
+
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Knock) as server:
+        server.daemon_threads = True
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield seen, server.server_address[1]
+        server.shutdown()
+
+
+@pytest.fixture
+def browse(requests, tmp_path):
+    """Open HTML from a file; returns (dumped DOM or None, screenshot or None, console lines)."""
+    seen, port = requests
+    seen.clear()
+
+    def run(html: str, size: tuple[int, int], shot: bool) -> tuple[str, np.ndarray | None, list]:
+        source, picture = tmp_path / "page.html", tmp_path / "page.png"
+        source.write_text(html, encoding="utf-8")
+        command = [
+            str(CHROMIUM),
+            *QUIET,
+            f"--user-data-dir={tmp_path / 'profile'}",
+            f"--proxy-server=http://127.0.0.1:{port}",
+            "--proxy-bypass-list=<-loopback>",
+            f"--window-size={size[0]},{size[1]}",
+            "--virtual-time-budget=6000",
+            f"--screenshot={picture}" if shot else "--dump-dom",
+            source.as_uri(),
+        ]
+        environment = os.environ | {"HOME": str(tmp_path)}
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=150, env=environment, check=False
+        )
+        console = [line for line in done.stderr.splitlines() if ":CONSOLE" in line]
+        image = np.asarray(Image.open(picture).convert("RGB")) if shot else None
+        return done.stdout, image, console
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return frame_page(
+        synthetic.frame(),
+        synthetic.detection(),
+        [synthetic.method("phosa", x=0.9), synthetic.method("ours")],
+        synthetic.person()[1],
+        synthetic.exemplars(),
+        CONFIG,
+        truth=synthetic.truth(),
+    )
+
+
+NOTHING_BUT_ITSELF = (
+    '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; '
+    "script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:\">"
+)
+
+
+def sealed(html: str) -> str:
+    """The page under a policy that forbids every request; an attempt is a console error."""
+    return html.replace('<meta charset="utf-8">', '<meta charset="utf-8">' + NOTHING_BUT_ITSELF, 1)
+
+
+def of_the_page(requests) -> list[bytes]:
+    """Requests that are not the browser's own; those of the page are told by `sealed` too."""
+    return [line for line in requests[0] if b"google" not in line]
+
+
+def orange(image: np.ndarray) -> np.ndarray:
+    """Pixels of the chair's colour as the viewer lights it."""
+    r, g, b = (image[..., k].astype(int) for k in range(3))
+    return (r > 150) & (r - b > 70) & (r - g > 25) & (g > 80)
+
+
+def blue(image: np.ndarray) -> np.ndarray:
+    r, g, b = (image[..., k].astype(int) for k in range(3))
+    return (b - r > 30) & (b > 120) & (g > r)
+
+
+def only_view(page: str) -> str:
+    """The page with everything but the 3D view hidden, so that pixels are the view's."""
+    return page.replace(
+        "</style>",
+        "#view{position:fixed!important;inset:0;height:100vh!important;z-index:9}</style>",
+        1,
+    )
+
+
+def test_the_3d_view_draws_body_and_object_from_a_file_without_a_network(browse, page, requests):
+    _, image, console = browse(sealed(only_view(page)), (600, 450), True)
+    assert blue(image).mean() > 0.02 and orange(image).mean() > 0.01
+    assert not [line for line in console if "rror" in line or "iolat" in line], console
+    assert of_the_page(requests) == []
+
+
+def test_a_request_would_have_been_noticed(browse, page, requests):
+    asks = '<img src="http://example.invalid/a.png" alt=""></body>'
+    _, _, console = browse(sealed(page).replace("</body>", asks), (600, 450), True)
+    assert any("Content Security Policy" in line for line in console)
+    browse(page.replace("</body>", asks), (600, 450), True)
+    assert any(b"example.invalid" in line for line in of_the_page(requests))
+
+
+def test_the_3d_view_reports_itself_ready(browse, page):
+    dom, _, _ = browse(page, (800, 600), False)
+    assert 'data-viewer="ready"' in dom
+    assert re.search(r'data-method="ours" aria-pressed="true"', dom)
+
+
+def test_buttons_switch_method_view_and_parts(browse, page):
+    press = """<script>
+      const wait = setInterval(() => {
+        if (document.documentElement.dataset.viewer !== "ready") return;
+        clearInterval(wait);
+        for (const q of ["[data-method=phosa]", "[data-view=top]", "[data-part=body]"])
+          document.querySelector("button" + q).click();
+      }, 50);</script></body>"""
+    _, image, _ = browse(only_view(page).replace("</body>", press), (600, 450), True)
+    assert blue(image).mean() < 0.001  # the body is hidden
+    assert orange(image).mean() > 0.01
+    rows, columns = np.nonzero(orange(image))
+    box = np.ptp(rows) + 1, np.ptp(columns) + 1
+    assert 0.8 < box[0] / box[1] < 1.25  # from above the chair is a square
+
+
+def test_the_page_works_as_snakemakes_report_shows_it(browse, page, requests):
+    """Snakemake opens an HTML result as a data: URL in an iframe."""
+    encoded = base64.b64encode(sealed(only_view(page)).encode()).decode()
+    frame = (
+        '<!doctype html><body style="margin:0"><iframe style="border:0;width:600px;height:450px" '
+        f'src="data:text/html;base64,{encoded}"></iframe></body>'
+    )
+    _, image, console = browse(frame, (600, 450), True)
+    assert blue(image).mean() > 0.02 and orange(image).mean() > 0.01
+    assert not [line for line in console if "rror" in line or "iolat" in line], console
+    assert of_the_page(requests) == []
+
+
+def test_a_browser_without_webgl_keeps_the_pictures_and_says_why(browse, page):
+    broken = "<script>HTMLCanvasElement.prototype.getContext = () => null;</script>\n"
+    without = page.replace("<script>\n//", broken + "<script>\n//", 1)
+    assert without != page
+    dom, _, _ = browse(without, (800, 600), False)
+    assert 'data-viewer="failed"' in dom and "The 3D view is not available here" in dom
+
+
+def test_nothing_is_wider_than_a_phone(browse, page):
+    probe = """<script>const root = document.documentElement;
+      root.dataset.wide = root.scrollWidth > root.clientWidth;</script></body>"""
+    for html in (page, gallery_page([good("a" * 80), lost("b"), half("c")])):
+        framed = base64.b64encode(html.replace("</body>", probe).encode()).decode()
+        # Chromium's window has a least width, an iframe has none.
+        outer = f"""<body><iframe id="phone" style="width:360px;height:700px"></iframe><script>
+          const raw = Uint8Array.from(atob("{framed}"), (c) => c.charCodeAt(0));
+          const phone = document.getElementById("phone");
+          phone.onload = () => {{
+            const root = phone.contentDocument.documentElement;
+            if (root.dataset.wide) document.body.dataset.wide = root.dataset.wide;
+          }};
+          phone.srcdoc = new TextDecoder().decode(raw);</script></body>"""
+        dom, _, _ = browse(outer, (800, 800), False)
+        assert 'data-wide="false"' in dom
+
+
+def test_the_gallery_sorts_worst_first_and_filters(browse, requests):
+    cards = [good("small", 5.0), good("large", 50.0), lost("none"), good("middle", 20.0)]
+    act = """<script>
+      const order = document.getElementById("sort");
+      order.value = "worst 1"; order.dispatchEvent(new Event("change"));
+      const status = document.querySelector("select[data-filter=status]");
+      const names = () => Array.from(document.querySelectorAll(".card"))
+        .filter((card) => card.style.display !== "none")
+        .map((card) => card.querySelector(".id").textContent).join(" ");
+      document.body.dataset.worst = names();
+      status.value = "ok"; status.dispatchEvent(new Event("change"));
+      order.value = "best 1"; order.dispatchEvent(new Event("change"));
+      document.body.dataset.best = names();
+    </script></body>"""
+    dom, _, console = browse(sealed(gallery_page(cards)).replace("</body>", act), (900, 700), False)
+    assert 'data-worst="none large middle small"' in dom
+    assert 'data-best="small middle large"' in dom
+    assert "3 of 4 shown" in dom and not console
+    assert of_the_page(requests) == []
+
+
+def test_gallery_links_are_plain_text_inside_a_report(browse):
+    """A result shown in an iframe has no folder around it: a relative link would lead nowhere."""
+    encoded = base64.b64encode(gallery_page([good("a")]).encode()).decode()
+    outer = f"""<body><iframe id="report"></iframe><script>
+      const report = document.getElementById("report");
+      report.onload = () => {{
+        const links = report.contentDocument.querySelectorAll("a.page");
+        if (links.length) document.body.dataset.links =
+          `${{links.length}} ${{Array.from(links).filter((a) => a.hasAttribute("href")).length}}`;
+      }};
+      report.srcdoc = new TextDecoder().decode(
+        Uint8Array.from(atob("{encoded}"), (c) => c.charCodeAt(0)));</script></body>"""
+    dom, _, console = browse(outer, (400, 300), False)
+    assert 'data-links="2 0"' in dom and not console

@@ -1,0 +1,103 @@
+"""The gallery: one card a frame, causes counted, links that cannot mislead."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import report_synthetic as synthetic
+from hoi.artifacts import Detection, Evaluation, Frame, Joint
+from hoi.report.config import ReportConfig
+from hoi.report.gallery import card_of, failures_by_cause, gallery_page, pick_frames
+from hoi.report.page import MethodView
+from test_report_page import EXTERNAL, Reader
+
+IMAGE = np.full((30, 40, 3), 128, np.uint8)
+
+
+def good(name: str, error: float = 9.3):
+    frame = synthetic.frame(name)
+    methods = [synthetic.method("phosa", object_cm=83.2), synthetic.method("ours", object_cm=error)]
+    return card_of(frame, synthetic.detection(), methods, f"frames/{name}.html", IMAGE)
+
+
+def lost(name: str):
+    failure = synthetic.failed(Detection, "no_object_detected", "Best was a couch.", "detect")
+    methods = [
+        MethodView(method, evaluation=Evaluation.skipped(name, failure))
+        for method in ("phosa", "ours")
+    ]
+    return card_of(synthetic.frame(name), failure, methods, "", IMAGE)
+
+
+def half(name: str):
+    failure = synthetic.failed(Joint, "diverged", "Not finite.", "joint")
+    methods = [synthetic.method("phosa", joint=failure), synthetic.method("ours")]
+    return card_of(synthetic.frame(name), synthetic.detection(), methods, "", IMAGE)
+
+
+def test_every_frame_has_a_card_with_its_errors_and_status():
+    text = gallery_page([good("a"), lost("b"), half("c")])
+    reader = Reader(text)
+    assert not reader.open
+    cards = [a for tag, a in reader.tags if tag == "li"]
+    assert [card["data-status"] for card in cards] == ["ok", "no_object_detected", "ok"]
+    assert cards[0]["data-error1"] == "9.3000" and cards[1]["data-error1"] == ""
+    assert "3 frames, 1 without a result" in reader.text
+    assert "detect: Best was a couch." in reader.text
+
+
+def test_failures_are_counted_by_cause_with_the_methods_they_stopped():
+    rows = failures_by_cause([lost("b"), half("c"), lost("d"), good("a")])
+    assert [(r["stage"], r["status"], r["methods"], r["count"], r["share"]) for r in rows] == [
+        ("detect", "no_object_detected", "all", "2", "50 %"),
+        ("joint", "diverged", "phosa", "1", "25 %"),
+    ]
+    assert rows[0]["example"] == "b"
+    assert failures_by_cause([good("a")]) == []
+
+
+def test_a_frame_that_could_not_be_read_is_a_card_too():
+    frame = synthetic.failed(Frame, "unreadable_image", "Truncated.", "frame")
+    card = card_of(frame, None, [MethodView("ours")])
+    assert card.status == "unreadable_image"
+    assert "unreadable image" in Reader(gallery_page([card])).text
+
+
+def test_links_are_relative_and_nothing_is_fetched():
+    text = gallery_page([good("a")])
+    links = [a["href"] for tag, a in Reader(text).tags if tag == "a"]
+    assert links == ["frames/a.html"] * 2
+    assert not EXTERNAL.findall(text)
+
+
+def test_names_and_statuses_are_escaped():
+    evil = "<b onclick=alert(1)>\"'&"
+    failure = synthetic.failed(Joint, evil, evil, "joint")
+    card = card_of(
+        synthetic.frame(evil), synthetic.detection(), [MethodView(evil, joint=failure)], evil
+    )
+    reader = Reader(gallery_page([card], heading=evil))
+    assert not reader.open and not any("onclick" in a for _, a in reader.tags)
+
+
+def test_cards_beyond_the_limit_are_counted_not_forgotten():
+    cards = [good("a"), lost("b"), lost("c")]
+    reader = Reader(gallery_page(cards, ReportConfig(max_cards=1)))
+    assert sum(tag == "li" for tag, _ in reader.tags) == 1
+    assert "The last 2 frames have no card" in reader.text
+    assert "no object detected all 2 67 %" in reader.text
+
+
+def test_an_empty_gallery_says_so():
+    assert "There are no frames yet." in Reader(gallery_page([])).text
+
+
+def test_equal_cards_give_an_equal_gallery():
+    assert gallery_page([good("a"), lost("b")]) == gallery_page([good("a"), lost("b")])
+
+
+def test_pages_are_given_evenly_over_the_actions_in_the_order_of_the_run():
+    frames = [("s1", "sit"), ("s2", "sit"), ("s3", "sit"), ("l1", "lift"), ("h1", "hand")]
+    assert pick_frames(frames, 3) == ["s1", "l1", "h1"]
+    assert pick_frames(frames, 4) == ["s1", "s2", "l1", "h1"]
+    assert pick_frames(frames, 99) == [name for name, _ in frames]

@@ -1,0 +1,248 @@
+"""Frame pages: nothing fetched, everything escaped, every stage's decision told."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+import report_synthetic as synthetic
+from hoi.artifacts import Detection, Evaluation, Joint
+from hoi.report import viewer
+from hoi.report.config import ReportConfig
+from hoi.report.outcomes import number, share
+from hoi.report.page import MethodView, frame_page
+from hoi.report.scene import of_joint, scene_glb
+
+CONFIG = ReportConfig(image_width=160, tile_width=64, supersampling=1)
+FACES = synthetic.person()[1]
+EXTERNAL = re.compile(r"(?:https?:)?//[\w.-]+\.[a-z]{2,}[^\s\"'`)]*", re.IGNORECASE)
+
+
+def page(methods=None, frame=None, detection=None, config=CONFIG, **changes) -> str:
+    return frame_page(
+        frame or synthetic.frame(),
+        detection or synthetic.detection(),
+        [synthetic.method("phosa", x=0.9, object_cm=83.2), synthetic.method("ours")]
+        if methods is None
+        else methods,
+        FACES,
+        synthetic.exemplars(),
+        config,
+        **changes,
+    )
+
+
+class Reader(HTMLParser):
+    """Tags that are opened, attributes, text, and tags that are left open."""
+
+    VOID = frozenset({"meta", "link", "img", "br", "input", "hr"})
+
+    def __init__(self, text: str):
+        super().__init__()
+        self.tags: list[tuple[str, dict]] = []
+        self.words: list[str] = []
+        self.open: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open and self.open[-1] == tag, f"</{tag}> closes {self.open[-3:]}"
+        self.open.pop()
+
+    def handle_data(self, data):
+        if not self.open or self.open[-1] not in {"script", "style"}:
+            self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.words).split())
+
+
+def unpacked(text: str, identity: str) -> bytes:
+    found = re.search(rf'id="{identity}"[^>]*>([^<]*)</script>', text)
+    assert found
+    return gzip.decompress(base64.b64decode(found.group(1)))
+
+
+def test_a_page_asks_no_network_for_anything():
+    text = page(truth=synthetic.truth())
+    for _, attributes in Reader(text).tags:
+        for name in ("src", "href", "srcset", "action", "data", "poster"):
+            assert attributes.get(name, "data:").startswith("data:")
+    assert not EXTERNAL.findall(re.sub(r"[A-Za-z0-9+/=]{200,}", "", text))
+    assert "url(" not in text and "@import" not in text
+
+
+def test_the_embedded_library_names_only_a_namespace_and_a_comment():
+    script = unpacked(page(), "three-js").decode()
+    assert set(re.findall(r"https?://[^\s\"'`)]+", script)) <= {
+        "http://www.w3.org/1999/xhtml",
+        "https://github.com/mrdoob/three.js/pull/23228",
+    }
+    assert "SPDX-License-Identifier: MIT" in script[:400]
+
+
+def test_a_page_is_well_formed_and_every_picture_has_a_text():
+    reader = Reader(page(truth=synthetic.truth()))
+    assert not reader.open
+    pictures = [attributes for tag, attributes in reader.tags if tag == "img"]
+    assert len(pictures) == 1 + 1 + 5 + 2 * 3
+    assert all(a["alt"] and a["src"].startswith("data:image/jpeg;base64,") for a in pictures)
+
+
+def test_two_methods_with_a_full_size_body_and_the_truth_stay_below_one_and_a_half_megabytes():
+    trimesh = pytest.importorskip("trimesh")
+    body = trimesh.creation.icosphere(subdivisions=5)  # 10242 vertices: more than any body
+    noise = np.random.default_rng(0).normal(0, 0.003, body.vertices.shape)
+    vertices = (body.vertices * [0.3, 0.85, 0.2] + noise + [0, 0.15, 3]).astype(np.float32)
+    fit = synthetic.body_fit(vertices=vertices)
+    methods = [
+        synthetic.method(name, body=fit, joint=synthetic.joint(method=name, x=x, vertices=vertices))
+        for name, x in (("phosa", 0.9), ("ours", 0.3))
+    ]
+    truth = synthetic.truth().model_copy(update=dict(body_vertices=vertices, body_faces=body.faces))
+    text = frame_page(
+        synthetic.frame(), synthetic.detection(), methods, body.faces, synthetic.exemplars(),
+        truth=truth,
+    )  # fmt: skip
+    assert len(text.encode()) < 1_500_000
+
+
+def test_equal_inputs_give_an_equal_page():
+    assert page() == page()
+
+
+def test_the_head_names_frame_data_set_action_and_errors():
+    text = Reader(page()).text
+    for word in ("Date00_Sub00_chair_sit/t0001.000", "behave_mini", "chairwood", "protocol smpl"):
+        assert word in text
+    assert re.search(r"PHOSA 4\.1 83\.2 sit ok", text)
+    assert re.search(r"Ours 4\.1 9\.3 sit ok", text)
+
+
+def test_every_stage_tells_what_it_decided_and_why():
+    text = Reader(page()).text
+    for told in (
+        "other class",  # detection: a rejected candidate's verdict
+        "14 596 px",  # area of a mask
+        "4.2 px reprojection error",
+        "box_chair_3",  # an exemplar that lost
+        "best silhouette",  # why the first won
+        "480 exemplar and start pairs",
+        "sit, distance 0.840",
+        "pose_101",  # a runner-up
+        "0.85 m, height",
+        "paper table 5",
+        "cushion: no such part",  # an answer that was not mapped
+        "chair seat butt 1.00 paper table 6",
+        "contact 0.6200 0.0310",  # a loss before and after
+        "lowest total",  # the rule that chose the hypothesis
+        "body 4.1 cm, object 9.3 cm",
+    ):
+        assert told in text, told
+
+
+def test_a_decision_that_methods_share_is_told_once():
+    text = Reader(page()).text
+    assert text.count("best silhouette") == 1
+    assert "4.2 px reprojection error PHOSA, Ours" in text
+    other = synthetic.object_fit().model_copy(update=dict(searched=7))
+    different = Reader(
+        page([synthetic.method("phosa", objects=other), synthetic.method("ours")])
+    ).text
+    assert different.count("best silhouette") == 2
+    assert "7 exemplar and start pairs" in different
+
+
+def test_nothing_from_an_artifact_can_become_markup():
+    evil = "<script>alert('x')</script><img src=x onerror=alert(1)>\"'"
+    frame = synthetic.frame(evil, action=evil, source=evil)
+    failure = synthetic.failed(Joint, evil, evil, "joint")
+    fit = synthetic.object_fit().model_copy(update=dict(reasons=[evil] * 5))
+    text = page(
+        [synthetic.method(evil, joint=failure, objects=fit), synthetic.method("ours")], frame
+    )
+    assert "<script>alert" not in text and "<img src=x" not in text
+    reader = Reader(text)
+    assert not reader.open
+    assert not any("onerror" in attributes for _, attributes in reader.tags)
+    assert evil.split('"')[0] in reader.text
+
+
+def test_a_failed_frame_keeps_its_photo_and_names_stage_and_cause():
+    failure = synthetic.failed(Detection, "no_object_detected", "Best was a couch.", "detect")
+    stopped = MethodView(
+        "ours", joint=Joint.skipped("f", failure), evaluation=Evaluation.skipped("f", failure)
+    )
+    text = page([stopped], detection=failure)
+    reader = Reader(text)
+    assert "no object detected at stage detect: Best was a couch." in reader.text
+    assert "Skipped: detect stopped. Best was a couch." in reader.text
+    assert next(a["alt"] for tag, a in reader.tags if tag == "img").startswith("The photo.")
+    assert "three-js" not in text and len(text) < 60_000
+
+
+def test_a_method_that_failed_does_not_hide_the_one_that_worked():
+    failure = synthetic.failed(Joint, "diverged", "The loss was not finite.", "joint")
+    text = page([synthetic.method("phosa", joint=failure), synthetic.method("ours")])
+    assert "Stage joint stopped: diverged: The loss was not finite." in Reader(text).text
+    assert text.count("data-scene=") == 1
+
+
+def test_the_embedded_scene_is_the_scene_of_the_result():
+    expected = scene_glb(
+        of_joint(synthetic.joint(method="ours"), FACES),
+        CONFIG,
+        intrinsics=synthetic.INTRINSICS,
+        image_size=(640, 480),
+        description="Date00_Sub00_chair_sit/t0001.000 ours",
+        compact=True,
+    )
+    assert unpacked(page([synthetic.method("ours")]), "scene-1") == expected
+
+
+def test_without_the_viewer_the_page_says_why_and_keeps_the_pictures(monkeypatch):
+    def changed(name):
+        raise ValueError("gone")
+
+    viewer.three_js.cache_clear()
+    monkeypatch.setattr("trimesh.resources.get_bytes", changed)
+    reader = Reader(page([synthetic.method("ours")]))
+    assert "install trimesh 5.2" in reader.text
+    assert sum(tag == "img" for tag, _ in reader.tags) == 10
+    viewer.three_js.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (1.256, 2, "1.26"),
+        (0.0, 2, "0.00"),
+        (0.0001, 2, "1.0e-04"),
+        (None, 2, "–"),
+        (float("nan"), 1, "–"),
+        (-3.0, 0, "-3"),
+    ],
+)
+def test_numbers_are_short_and_never_hide_a_small_value(value, digits, text):
+    assert number(value, digits) == text
+
+
+def test_sharing_keeps_the_order_of_methods():
+    from hoi.report.outcomes import describe_action
+
+    same = describe_action(synthetic.action())
+    (shared,) = share([("phosa", same), ("ours", same)])
+    assert shared.methods == ("phosa", "ours")
