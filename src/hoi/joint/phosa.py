@@ -8,6 +8,7 @@ exemplars of the other methods, so that only the method differs.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -141,41 +142,64 @@ def _union(regions: BodyRegions, names: tuple[str, ...]) -> np.ndarray:
     return np.unique(np.concatenate([regions.vertices[name] for name in names]))
 
 
-def behind_by(
-    vertices: Tensor, faces: np.ndarray, human_scale: Tensor, scene: OrdinalScene
-) -> Tensor:
-    """How far the model violates the masks' occlusion order, at every pixel where it does.
+def order_violations(
+    vertices: Tensor, faces: Sequence[np.ndarray], human_scale: Tensor, scene: OrdinalScene
+) -> tuple[Tensor, Tensor]:
+    """How far each hypothesis violates the masks' occlusion order, at every pixel where it does.
 
     Which face is seen at a pixel is taken as fixed; its depth is differentiated exactly, as that of
     its plane along the pixel's ray.
 
     Args:
-        vertices: (V, 3) placed object, camera frame. faces: (F, 3). human_scale: () of the body.
+        vertices: (K, V, 3) placed objects, camera frame. faces: K arrays (F, 3).
+        human_scale: (K,) of the body.
 
     Returns:
-        (N,) positive metres, N the number of violating pixels.
+        (N,) positive metres, and (N,) the hypothesis of each, N the number of violating pixels.
     """
-    height, width = scene.body_depth.shape
-    seen, depth = visible_faces(vertices.detach().numpy(), faces, scene.intrinsics, height, width)
-    object_depth = torch.from_numpy(depth)
-    body_depth = scene.body_depth * human_scale.detach()
-    both = torch.isfinite(object_depth) & torch.isfinite(body_depth)
-    object_wrong = both & scene.object_front & (body_depth < object_depth)
-    body_wrong = both & scene.body_front & (object_depth < body_depth)
-    rows, columns = torch.nonzero(object_wrong | body_wrong, as_tuple=True)
-    corners = vertices[torch.from_numpy(faces[seen[rows.numpy(), columns.numpy()]])]  # (N, 3, 3)
-    ray = _rays(rows, columns, scene.intrinsics).to(vertices)
+    front = scene.object_front.numpy().astype(np.int8) - scene.body_front.numpy()
+    scales, body_depth = human_scale.detach().numpy(), scene.body_depth.numpy()
+    found = []
+    for k, mesh in enumerate(faces):
+        seen, depth = visible_faces(
+            vertices[k].detach().numpy(), mesh, scene.intrinsics, *body_depth.shape
+        )
+        pixels = _violating(depth, body_depth, scales[k], front)
+        row, column = pixels // depth.shape[1], pixels % depth.shape[1]
+        found.append((np.full(len(pixels), k), mesh[seen[row, column]], row, column))
+    hypothesis, corner_index, row, column = (
+        np.concatenate(part) for part in zip(*found, strict=True)
+    )
+    which = torch.from_numpy(hypothesis)
+    corners = vertices[which[:, None], torch.from_numpy(corner_index)]  # (N, 3, 3)
+    ray = torch.from_numpy(_rays(row, column, scene.intrinsics)).to(vertices)
     normal = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    along = (normal * corners[:, 0]).sum(-1) / (normal * ray).sum(-1)
-    difference = along - scene.body_depth[rows, columns] * human_scale
-    return torch.where(object_wrong[rows, columns], difference, -difference)
+    object_depth = (normal * corners[:, 0]).sum(-1) / (normal * ray).sum(-1)
+    body = torch.from_numpy(body_depth[row, column]).to(vertices) * human_scale[which]
+    sign = torch.from_numpy(front[row, column]).to(vertices)
+    return sign * (object_depth - body), which
 
 
-def _rays(rows: Tensor, columns: Tensor, intrinsics: np.ndarray) -> Tensor:
+def _rays(row: np.ndarray, column: np.ndarray, intrinsics: np.ndarray) -> np.ndarray:
     """Directions (N, 3) with z = 1 through pixel centres."""
-    x = (columns + 0.5 - intrinsics[0, 2]) / intrinsics[0, 0]
-    y = (rows + 0.5 - intrinsics[1, 2]) / intrinsics[1, 1]
-    return torch.stack([x, y, torch.ones_like(x)], -1)
+    x = (column + 0.5 - intrinsics[0, 2]) / intrinsics[0, 0]
+    y = (row + 0.5 - intrinsics[1, 2]) / intrinsics[1, 1]
+    return np.stack([x, y, np.ones_like(x)], -1)
+
+
+@numba.njit(cache=True, nogil=True)
+def _violating(object_depth, body_depth, human_scale, front):
+    """Flat indices of pixels whose order contradicts `front` (1 object, -1 body, 0 unknown)."""
+    height, width = object_depth.shape
+    found = np.empty(height * width, np.int64)
+    count = 0
+    for row in range(height):
+        for column in range(width):
+            thing, body = object_depth[row, column], body_depth[row, column] * human_scale
+            if np.isfinite(thing) and np.isfinite(body) and front[row, column] * (thing - body) > 0:
+                found[count] = row * width + column
+                count += 1
+    return found[:count]
 
 
 def visible_faces(

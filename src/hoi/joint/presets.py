@@ -75,7 +75,8 @@ PRESETS: dict[str, dict[str, Any]] = {
         "poses_per_exemplar": 1,
         "max_hypotheses": 5,
         "edge_weight": 0.0,
-        "fast": {"optimiser": "adam", "iterations": 400, "learning_rate": 1e-3},
+        # the published 400 x 1e-3 is the schedule named `paper`; a quarter of it, four times as far
+        "fast": {"optimiser": "adam", "iterations": 100, "learning_rate": 4e-3},
         "paper": {"optimiser": "adam", "iterations": 400, "learning_rate": 1e-3},
     },
 }

@@ -15,7 +15,7 @@ from torch import Tensor
 from hoi.geometry import project, rotation_6d_to_matrix
 from hoi.joint import losses
 from hoi.joint.correspondence import cheapest_alternatives, nearest
-from hoi.joint.phosa import PhosaPart, behind_by
+from hoi.joint.phosa import PhosaPart, order_violations
 from hoi.joint.problem import Problem
 from hoi.rendering import silhouette_loss
 
@@ -220,13 +220,11 @@ def phosa_object_scale(problem: Problem, placement: Placement) -> Tensor:
 def phosa_ordinal_depth(problem: Problem, placement: Placement) -> Tensor:
     assert problem.phosa is not None
     scene = problem.phosa.ordinal
-    values = []
-    for k, exemplar in enumerate(problem.object.exemplars):
-        vertices = placement.vertices[k]
-        behind = behind_by(vertices, exemplar.faces, placement.human_scale[k], scene)
-        # two ordered pairs: object before person, person before object
-        values.append(losses.ordinal_depth(behind, scene.clamp).sum() * scene.pixel_weight / 2)
-    return torch.stack(values)
+    faces = [exemplar.faces for exemplar in problem.object.exemplars]
+    behind, hypothesis = order_violations(placement.vertices, faces, placement.human_scale, scene)
+    pixels = losses.ordinal_depth(behind, scene.clamp)
+    # two ordered pairs: object before person, person before object
+    return _zero(placement).index_add(0, hypothesis, pixels) * scene.pixel_weight / 2
 
 
 TERMS: dict[str, Callable[[Problem, Placement], Tensor]] = {
