@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import zlib
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -23,32 +23,40 @@ from hoi.body.skeleton import JOINT, NUM_JOINTS, mirror_pose
 from hoi.errors import AssetError
 
 BASE_POSES: Path = Path(__file__).parents[1] / "data" / "poses" / "base_poses.yaml"
+DEFAULTS = DatabaseConfig()  # type: ignore[call-arg]  # every field has a default
+
+
+class _Drawn(NamedTuple):
+    pose: np.ndarray  # (69,) radians
+    tilt: float  # degrees by which the pelvis pitches forward
 
 
 def build_database(
-    config: DatabaseConfig | None = None, base_poses: Path | str = BASE_POSES
+    config: DatabaseConfig = DEFAULTS, base_poses: Path | str = BASE_POSES
 ) -> PoseDatabase:
     """The database of all variants of all base poses; raises AssetError for a bad description."""
-    config = config or DatabaseConfig()
     sheet = yaml.safe_load(Path(base_poses).read_text(encoding="utf-8"))
     by_id = {entry["id"]: entry for entry in sheet["poses"]}
-    rows: list[tuple[str, str, str, np.ndarray]] = []
+    rows: list[tuple[str, str, str, np.ndarray, float]] = []
     for entry in sheet["poses"]:
         for number in range(config.variants if entry["for"] else 0):
             rng = _generator(config.seed, entry["id"], number)
-            pose = _draw(sheet, by_id, entry["id"], rng)
-            pose = _with_noise(pose, config.jitter_degrees, rng)
+            drawn = _draw(sheet, by_id, entry["id"], rng)
+            pose = _with_noise(drawn.pose, config.jitter_degrees, rng)
             if number % 2:
                 pose = mirror_pose(pose)
             for action, categories in entry["for"].items():
-                rows.append((f"{entry['id']}_{number:02d}", categories, action, pose))
-    ids, categories, actions, poses = zip(*rows, strict=True)
+                rows.append((f"{entry['id']}_{number:02d}", categories, action, pose, drawn.tilt))
+    ids, categories, actions, poses, tilts = zip(*rows, strict=True)
+    tilt = np.deg2rad(tilts)
     return PoseDatabase(
         np.array(ids),
         np.array(categories),
         np.array(actions),
         # four decimals: far below the noise, and the same on every machine
         np.round(np.stack(poses), 4).astype(np.float32),
+        # a tilt to the side would change sign in the mirror; the descriptions have none
+        np.round(np.stack((0 * tilt, np.cos(tilt), -np.sin(tilt)), 1), 4).astype(np.float32),
     )
 
 
@@ -59,24 +67,25 @@ def _generator(seed: int, pose_id: str, number: int) -> np.random.Generator:
 
 def _draw(
     sheet: dict[str, Any], by_id: dict[str, Any], pose_id: str, rng: np.random.Generator
-) -> np.ndarray:
+) -> _Drawn:
     entry = by_id[pose_id]
     try:
         if "between" in entry:
             first, second = (_draw(sheet, by_id, name, rng) for name in entry["between"])
-            return _interpolate(first, second, _number(entry["at"], rng))
-        trunk = _pick(sheet["trunks"], entry["trunk"], rng)
+            share = _number(entry["at"], rng)
+            tilt = (1 - share) * first.tilt + share * second.tilt
+            return _Drawn(_interpolate(first.pose, second.pose, share), tilt)
+        trunk = Trunk(**_numbers(_pick(sheet["trunks"], entry["trunk"], rng), rng))
         legs = _pick(sheet["legs"], entry["legs"], rng)
         arms = _pick(sheet["arms"], entry["arms"], rng)
-        return pose_from_description(
-            Description(
-                trunk=Trunk(**_numbers(trunk, rng)),
-                left_leg=Leg(**_numbers(_side(legs, "left"), rng)),
-                right_leg=Leg(**_numbers(_side(legs, "right"), rng)),
-                left_arm=Arm(**_numbers(_side(arms, "left"), rng)),
-                right_arm=Arm(**_numbers(_side(arms, "right"), rng)),
-            )
+        description = Description(
+            trunk=trunk,
+            left_leg=Leg(**_numbers(_side(legs, "left"), rng)),
+            right_leg=Leg(**_numbers(_side(legs, "right"), rng)),
+            left_arm=Arm(**_numbers(_side(arms, "left"), rng)),
+            right_arm=Arm(**_numbers(_side(arms, "right"), rng)),
         )
+        return _Drawn(pose_from_description(description), trunk.tilt)
     except (KeyError, TypeError) as error:
         raise AssetError(f"base pose {pose_id}: {error}") from error
 

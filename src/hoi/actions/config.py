@@ -27,6 +27,13 @@ class ActionsConfig(Settings):
         "2 pi wrap",
     )
     joints: tuple[str, ...] = Field(COMPARED_JOINTS, description="joints that are compared")
+    tilt_weight: float = Field(
+        2.0,
+        ge=0,
+        description="weight of the pelvis's tilt against gravity, taking the image's up for up. "
+        "The paper compares joints only (0), which cannot tell a squat from a seat; at 1.4 a tilt "
+        "counts like the rotation of one joint",
+    )
     min_conceptnet_weight: float = Field(
         1.0, description="ConceptNet edges below this weight are no actions [3.2: 1]"
     )

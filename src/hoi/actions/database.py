@@ -14,6 +14,7 @@ DEFAULT_DATABASE: Path = Path(__file__).parents[1] / "data" / "poses" / "databas
 """The database of the package (``python -m hoi.actions.build_database`` makes it)."""
 
 _KEYS = ("pose_ids", "categories", "actions", "body_pose")
+_PELVIS_UP = "pelvis_up"
 
 
 @dataclass(frozen=True)
@@ -25,12 +26,15 @@ class PoseDatabase:
         categories: (N,) the objects the pose belongs to, separated by blanks: "chair stool".
         actions: (N,) what the person does.
         body_pose: (N, 69) float32, axis-angle of SMPL's joints 1 to 23, radians.
+        pelvis_up: (N, 3) float32, the upward direction in the pelvis frame, that is how the pelvis
+            is tilted whichever way the person faces; None when the poses do not tell.
     """
 
     pose_ids: np.ndarray
     categories: np.ndarray
     actions: np.ndarray
     body_pose: np.ndarray
+    pelvis_up: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.pose_ids)
@@ -55,7 +59,7 @@ def load_database(path: Path | str) -> PoseDatabase:
             missing = [key for key in _KEYS if key not in data]
             if missing:
                 raise AssetError(f"{path}: the pose database lacks {', '.join(missing)}")
-            arrays = {key: data[key] for key in _KEYS}
+            arrays = {key: data[key] for key in (*_KEYS, _PELVIS_UP) if key in data}
     except FileNotFoundError:
         raise AssetError(
             f"{path}: no pose database there; python -m hoi.actions.build_database makes one"
@@ -68,8 +72,11 @@ def load_database(path: Path | str) -> PoseDatabase:
 def save_database(database: PoseDatabase, path: Path | str) -> None:
     """Write a database; equal content gives equal bytes."""
     Path(path).parent.mkdir(parents=True, exist_ok=True)
+    arrays = {key: getattr(database, key) for key in _KEYS}
+    if database.pelvis_up is not None:
+        arrays[_PELVIS_UP] = database.pelvis_up
     with open(path, "wb") as stream:
-        np.savez_compressed(stream, **{key: getattr(database, key) for key in _KEYS})
+        np.savez_compressed(stream, **arrays)
 
 
 def _checked(path: Path | str, arrays: dict[str, np.ndarray]) -> PoseDatabase:
@@ -84,5 +91,9 @@ def _checked(path: Path | str, arrays: dict[str, np.ndarray]) -> PoseDatabase:
         raise AssetError(f"{path}: body_pose is empty or holds NaN or infinity")
     if len(set(arrays["pose_ids"].tolist())) != count:
         raise AssetError(f"{path}: pose_ids are not unique")
+    if _PELVIS_UP in arrays:
+        lengths = np.linalg.norm(arrays[_PELVIS_UP], axis=-1)
+        if arrays[_PELVIS_UP].shape != (count, 3) or not np.allclose(lengths, 1, atol=1e-3):
+            raise AssetError(f"{path}: pelvis_up is not one unit vector per pose")
     arrays["body_pose"] = poses.astype(np.float32)
     return PoseDatabase(**arrays)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 
 from hoi.actions.config import ActionsConfig
 from hoi.actions.database import DEFAULT_DATABASE, PoseDatabase, load_database
@@ -19,6 +19,8 @@ from hoi.actions.retrieval import pose_features
 
 if TYPE_CHECKING:
     import pandas as pd
+
+DEFAULTS = ActionsConfig()  # type: ignore[call-arg]  # every field has a default
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class LeaveOneOut:
 def leave_one_out(
     database: PoseDatabase,
     category: str,
-    config: ActionsConfig | None = None,
+    config: ActionsConfig = DEFAULTS,
     by: str = "pose",
 ) -> LeaveOneOut:
     """Recognise every pose of a category from the others.
@@ -52,7 +54,8 @@ def leave_one_out(
     import pandas as pd
 
     rows = database.rows_of(category)
-    features = pose_features(database.body_pose[rows], config or ActionsConfig())
+    ups = None if database.pelvis_up is None else database.pelvis_up[rows]
+    features = pose_features(database.body_pose[rows], config, ups)
     groups = np.arange(len(rows)) if by == "pose" else _base_numbers(database.pose_ids[rows])
     actions = database.actions[rows]
     nearest = np.empty(len(rows), dtype=np.int64)
@@ -70,7 +73,7 @@ def leave_one_out(
     return LeaveOneOut(category, float(np.mean(retrieved == actions)), confusion, distances)
 
 
-def accuracy_table(database: PoseDatabase, config: ActionsConfig | None = None) -> pd.DataFrame:
+def accuracy_table(database: PoseDatabase, config: ActionsConfig = DEFAULTS) -> pd.DataFrame:
     """One row per category: poses, actions and both leave-one-out accuracies."""
     import pandas as pd
 

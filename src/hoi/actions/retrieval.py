@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import cKDTree  # type: ignore[attr-defined]
 from scipy.spatial.transform import Rotation
 
 from hoi.actions.config import ActionsConfig
@@ -20,11 +20,35 @@ class Match(NamedTuple):
     distance: float
 
 
-def pose_features(body_pose: np.ndarray, config: ActionsConfig) -> np.ndarray:
-    """What the Euclidean distance is taken over: (N, 69) axis-angle, radians -> (N, D).
+def pose_features(
+    body_pose: np.ndarray, config: ActionsConfig, pelvis_up: np.ndarray | None = None
+) -> np.ndarray:
+    """What the Euclidean distance is taken over.
 
-    Global orientation is not part of a body pose, so a turned person has the same features.
+    Args:
+        body_pose: (N, 69) axis-angle, radians.
+        config: metric, joints and weight of the tilt.
+        pelvis_up: (N, 3) upward direction in the pelvis frame, or None to leave the tilt out.
+
+    Returns:
+        (N, D). Which way a person faces is not in it.
     """
+    rotations = _rotation_features(body_pose, config)
+    if pelvis_up is None or config.tilt_weight == 0:
+        return rotations
+    return np.concatenate((rotations, config.tilt_weight * np.asarray(pelvis_up)), axis=1)
+
+
+def pelvis_up_in_camera(global_orient: np.ndarray) -> np.ndarray:
+    """Upward direction in the pelvis frame (3,) of a body in the camera frame.
+
+    Takes the image's up for up, as nothing better is known of a single photo.
+    """
+    up_in_camera = np.array([0.0, -1.0, 0.0])
+    return Rotation.from_rotvec(np.asarray(global_orient, np.float64)).inv().apply(up_in_camera)
+
+
+def _rotation_features(body_pose: np.ndarray, config: ActionsConfig) -> np.ndarray:
     poses = np.asarray(body_pose, dtype=np.float64).reshape(-1, NUM_JOINTS - 1, 3)
     vectors = poses[:, [JOINT[name] - 1 for name in config.joints]]
     if config.metric == "axis_angle":
@@ -50,7 +74,11 @@ class PoseIndex:
             raise KeyError(category)
         self._config = config
         self._actions = database.actions[self.rows]
-        self._features = pose_features(database.body_pose[self.rows], config)
+        ups = database.pelvis_up
+        self._has_tilt = ups is not None
+        self._features = pose_features(
+            database.body_pose[self.rows], config, None if ups is None else ups[self.rows]
+        )
         self._tree = cKDTree(self._features)
         self._tree_of = {
             action: (members, cKDTree(self._features[members]))
@@ -58,21 +86,29 @@ class PoseIndex:
             for members in [np.flatnonzero(self._actions == action)]
         }
 
-    def nearest(self, body_pose: np.ndarray) -> Match:
-        """The single most similar pose (69,); the first of equally near ones."""
-        return self._query(self._tree, np.arange(len(self.rows)), self._feature(body_pose))
+    def nearest(self, body_pose: np.ndarray, pelvis_up: np.ndarray) -> Match:
+        """The single most similar pose.
 
-    def nearest_per_action(self, body_pose: np.ndarray) -> dict[str, Match]:
+        Args:
+            body_pose: (69,) radians.
+            pelvis_up: (3,) upward direction in the pelvis frame.
+        """
+        feature = self._feature(body_pose, pelvis_up)
+        return self._query(self._tree, np.arange(len(self.rows)), feature)
+
+    def nearest_per_action(self, body_pose: np.ndarray, pelvis_up: np.ndarray) -> dict[str, Match]:
         """The most similar pose of each action, nearest action first."""
-        feature = self._feature(body_pose)
+        feature = self._feature(body_pose, pelvis_up)
         matches = {
             action: self._query(tree, members, feature)
             for action, (members, tree) in self._tree_of.items()
         }
         return dict(sorted(matches.items(), key=lambda item: (item[1].distance, item[1].row)))
 
-    def _feature(self, body_pose: np.ndarray) -> np.ndarray:
-        return pose_features(np.asarray(body_pose).reshape(1, -1), self._config)[0]
+    def _feature(self, body_pose: np.ndarray, pelvis_up: np.ndarray) -> np.ndarray:
+        pose = np.asarray(body_pose).reshape(1, -1)
+        up = np.asarray(pelvis_up).reshape(1, 3) if self._has_tilt else None
+        return pose_features(pose, self._config, up)[0]
 
     def _query(self, tree: cKDTree, members: np.ndarray, feature: np.ndarray) -> Match:
         distance, index = tree.query(feature)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from hoi.actions.config import ActionsConfig
 from hoi.actions.database import load_database
-from hoi.actions.retrieval import Match, PoseIndex
+from hoi.actions.retrieval import Match, PoseIndex, pelvis_up_in_camera
 from hoi.actions.space import load_action_space
 from hoi.artifacts import Action, BodyFit, Frame, Neighbour
 from hoi.errors import FrameFailure
@@ -15,8 +15,8 @@ from hoi.errors import FrameFailure
 class ActionStage:
     """Retrieves what the person does with the frame's object from the estimated body pose.
 
-    Reads the object category of the frame and the pose of the body, nothing else: the data set's
-    own action is the truth that only evaluation may see.
+    Reads the object category of the frame and the pose and tilt of the body, nothing else: the
+    data set's own action is the truth that only evaluation may see.
 
     Args:
         config: settings of the stage.
@@ -35,8 +35,10 @@ class ActionStage:
 
         Raises FrameFailure ``no_pose_for_object`` when the database has none.
         """
-        assert body.body_pose is not None
-        matches = self._index(frame.category).nearest_per_action(body.body_pose)
+        assert body.body_pose is not None and body.global_orient is not None
+        matches = self._index(frame.category).nearest_per_action(
+            body.body_pose, pelvis_up_in_camera(body.global_orient)
+        )
         neighbours = [self._neighbour(match) for match in matches.values()]
         return Action(
             frame_id=frame.frame_id,
