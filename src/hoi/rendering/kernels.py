@@ -372,7 +372,7 @@ def _compare(points, mesh, target, weights, work, grad):
         new = _unit(hard + change[r, c])
         keep, wanted = target.keep[r, c], target.mask[r, c]
         mask_loss += keep * (new - old) * (new + old - TWO * wanted)
-        shared += keep * wanted * (new - old)
+        shared += keep * (min(new, wanted) - min(old, wanted))
         own += keep * (new - old)
 
     edge_loss = 0.0

@@ -36,7 +36,8 @@ def silhouette_loss(
         edge_weight: per pixel of outline and square root of pixel of distance.
 
     Returns:
-        loss (B,) float32 with gradient to `xy`; soft intersection over union (B,), no gradient.
+        loss (B,) float32 with gradient to `xy`; soft intersection over union
+        ``sum keep min(S, M) / sum keep max(S, M)`` (B,), no gradient.
 
     Raises:
         ValueError: `xy` has not the shape (B, V, 2).
