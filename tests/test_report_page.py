@@ -246,3 +246,11 @@ def test_sharing_keeps_the_order_of_methods():
     same = describe_action(synthetic.action())
     (shared,) = share([("phosa", same), ("ours", same)])
     assert shared.methods == ("phosa", "ours")
+
+
+def test_every_file_that_a_page_is_made_of_is_named_so_that_edits_can_be_noticed():
+    from hoi.report import asset_files
+
+    names = {path.name for path in asset_files()}
+    assert {"frame.html.j2", "style.css", "viewer.js", "gallery.js", "paper_tables.csv"} <= names
+    assert not any(name.endswith(".py") for name in names)

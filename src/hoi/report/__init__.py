@@ -9,6 +9,14 @@ Nothing heavy is imported here; take what you need from the modules:
 - ``tables``: the tidy results in the paper's layout, as text, HTML and LaTeX
 """
 
+from pathlib import Path
+
 from hoi.report.config import ReportConfig
 
-__all__ = ["ReportConfig"]
+__all__ = ["ReportConfig", "asset_files"]
+
+
+def asset_files() -> list[Path]:
+    """Templates, style sheets, scripts and data that the output depends on besides the code."""
+    here = Path(__file__).parent
+    return sorted([*(here / "templates").iterdir(), *here.glob("*.csv")])
