@@ -76,7 +76,7 @@ def _procedural(config: ExemplarsConfig, category: str) -> list[Exemplar]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Command line: build libraries with the default configuration."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
     parser.add_argument("categories", nargs="+", help="object categories, e.g. chair stool")
     parser.add_argument("--out", type=Path, required=True, help="folder of the library files")
     parser.add_argument("--folder", help="folder of own meshes: <folder>/<category>/*")

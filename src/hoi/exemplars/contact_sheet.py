@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from hoi.exemplars.library import Exemplar
+from hoi.exemplars.ray_surface import RaySurface
 
 # One colour a part name, the same in every picture; unknown names cycle through the rest.
 PART_COLOURS = {
@@ -47,8 +48,6 @@ def render(
 
     With `edges` the triangles are outlined.
     """
-    import open3d
-
     yaw, pitch = np.radians([yaw_degrees, pitch_degrees])
     about_y = np.array([[np.cos(yaw), 0, -np.sin(yaw)], [0, 1, 0], [np.sin(yaw), 0, np.cos(yaw)]])
     about_x = np.array(
@@ -57,23 +56,18 @@ def render(
     points = exemplar.vertices @ (about_x @ about_y).T
     points -= (points.min(axis=0) + points.max(axis=0)) / 2
     points /= 1.06 * np.ptp(points[:, :2], axis=0).max()
-    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        open3d.core.Tensor(np.ascontiguousarray(points, np.float32)),
-        open3d.core.Tensor(exemplar.faces.astype(np.uint32)),
-    )
     across = (np.arange(size) + 0.5) / size - 0.5
     x, y = np.meshgrid(across, -across)
     zero = np.zeros_like(x)
     rays = np.stack([x, y, zero + 5, zero, zero, zero - 1], axis=-1).astype(np.float32)
-    hits = scene.cast_rays(open3d.core.Tensor(rays))
-    hit = np.isfinite(hits["t_hit"].numpy())
-    normals = hits["primitive_normals"].numpy()[hit]
-    face = hits["primitive_ids"].numpy()[hit]
+    hits = RaySurface(points, exemplar.faces).cast(rays)
+    hit = np.isfinite(hits["t_hit"])
+    normals = hits["primitive_normals"][hit]
+    face = hits["primitive_ids"][hit]
     shade = 0.45 + 0.55 * np.abs(normals @ _LIGHT)
     colours = part_colours(exemplar.part_names)[exemplar.face_parts[face]] * shade[:, None]
     if edges:
-        u, v = hits["primitive_uvs"].numpy()[hit].T
+        u, v = hits["primitive_uvs"][hit].T
         colours[np.minimum(np.minimum(u, v), 1 - u - v) < 0.05] *= 0.45
     image = np.full((size, size, 3), 255, np.uint8)
     image[hit] = np.clip(colours, 0, 255).astype(np.uint8)

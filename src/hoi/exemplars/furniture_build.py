@@ -129,7 +129,7 @@ Roles (`exemplar_pool`, `ground_truth`) and sizes are in `models.csv`.
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Command line of the builder."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
     parser.add_argument("packs_dir", type=Path, help="folder with the .sh3f packs")
     parser.add_argument("--out", type=Path, default=FURNITURE_DIR, help="where to write")
     options = parser.parse_args(arguments)

@@ -43,7 +43,7 @@ def load_own_meshes(config: ExemplarsConfig, category: str) -> list[Exemplar]:
 def load_own_mesh(path: Path, category: str, config: ExemplarsConfig) -> Exemplar:
     """One mesh file as a watertight, metric, part-labelled exemplar in the canonical frame."""
     try:
-        vertices, faces, groups = _read(path)
+        vertices, faces, groups = _read(path, category)
     except Exception as error:  # the readers raise many kinds for damaged files
         raise AssetError(f"{path} cannot be read as a mesh: {error}") from error
     vertices = _canonical(vertices, config)
@@ -62,8 +62,11 @@ def load_own_mesh(path: Path, category: str, config: ExemplarsConfig) -> Exempla
     return Exemplar(path.stem, category, points, triangles, names, parts, "folder", "own mesh")
 
 
-def _read(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """vertices (V, 3), faces (F, 3), group name (F,) in the file's own frame and unit."""
+def _read(path: Path, category: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """vertices (V, 3), faces (F, 3), group name (F,) in the file's own frame and unit.
+
+    A node's own name counts when it names a part of the category, else its mesh's name.
+    """
     if path.suffix.lower() == ".obj":
         return parse_obj(path.read_text(encoding="utf-8", errors="replace"))
     import trimesh
@@ -77,8 +80,8 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             continue
         vertices.append(trimesh.transform_points(mesh.vertices, transform))
         faces.append(np.asarray(mesh.faces) + count)
-        known = node if as_part(node) != as_part(geometry_name) and node else geometry_name
-        groups += [known] * len(mesh.faces)
+        named = as_part(str(node)) in part_names(category)
+        groups += [str(node if named else geometry_name)] * len(mesh.faces)
         count += len(mesh.vertices)
     if not faces:
         raise ValueError("no triangles")

@@ -76,7 +76,8 @@ def _generator(category: str) -> Generator:
 def _draw(span: Range, random: np.random.Generator) -> float | str:
     if isinstance(span[0], str):
         return str(random.choice(span))
-    return float(random.uniform(*span))
+    low, high = (float(end) for end in span)
+    return float(random.uniform(low, high))
 
 
 # ---- chairs and stools ---------------------------------------------------------------------

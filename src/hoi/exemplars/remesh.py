@@ -6,9 +6,13 @@ tears thin legs and slats apart. A closed level set of the distance to the raw s
 
 from __future__ import annotations
 
+import importlib
+from typing import Any, cast
+
 import numpy as np
 
 from hoi.errors import AssetError
+from hoi.exemplars.ray_surface import RaySurface
 
 CELLS = 80  # along the longest side: a chair gets cells of about one centimetre
 _LEVEL = 0.9  # level set at this many cells from the surface: closes gaps up to twice as wide
@@ -34,26 +38,18 @@ def watertight_remesh(
     new face the index (F',) of the nearest raw face. Raises AssetError when no closed surface
     comes out.
     """
-    import open3d
-
-    scene = _scene(vertices, faces)
-    dense, spacing = _level_set(scene, vertices[np.unique(faces)], cells)
-    legacy = open3d.geometry.TriangleMesh(
-        open3d.utility.Vector3dVector(np.asarray(dense.vertices)),
-        open3d.utility.Vector3iVector(np.asarray(dense.faces)),
-    ).simplify_quadric_decimation(2 * target_vertices)
-    points, triangles = np.asarray(legacy.vertices), np.asarray(legacy.triangles, np.int64)
-    closest = scene.compute_closest_points(open3d.core.Tensor(points.astype(np.float32)))
-    surface = closest["points"].numpy().astype(np.float64)
+    raw = RaySurface(vertices, faces)
+    dense, spacing = _level_set(raw, vertices[np.unique(faces)], cells)
+    points, triangles = _decimated(dense, 2 * target_vertices)
+    surface, _ = raw.closest(points)
     offset = points - surface
     distance = np.linalg.norm(offset, axis=1, keepdims=True)
     rest = np.minimum(distance, _REST * spacing) / np.maximum(distance, 1e-9)
     points = (surface + offset * rest).astype(np.float32)
     if not is_closed(points, triangles):
         raise AssetError("re-meshing gave a surface with holes; is the mesh larger than a point?")
-    centres = points[triangles].mean(axis=1)
-    nearest = scene.compute_closest_points(open3d.core.Tensor(centres))["primitive_ids"].numpy()
-    return points, triangles, nearest.astype(np.int64)
+    _, nearest = raw.closest(points[triangles].mean(axis=1))
+    return points, triangles, nearest
 
 
 def is_closed(vertices: np.ndarray, faces: np.ndarray) -> bool:
@@ -64,20 +60,19 @@ def is_closed(vertices: np.ndarray, faces: np.ndarray) -> bool:
     return bool(mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0)
 
 
-def _scene(vertices: np.ndarray, faces: np.ndarray):
-    import open3d
-
-    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        open3d.core.Tensor(np.ascontiguousarray(vertices, np.float32)),
-        open3d.core.Tensor(np.ascontiguousarray(faces, np.uint32)),
+def _decimated(mesh: Any, faces: int) -> tuple[np.ndarray, np.ndarray]:
+    """Quadric edge collapse; open3d's keeps closed meshes closed."""
+    open3d: Any = importlib.import_module("open3d")
+    dense = open3d.geometry.TriangleMesh(
+        open3d.utility.Vector3dVector(np.asarray(mesh.vertices)),
+        open3d.utility.Vector3iVector(np.asarray(mesh.faces)),
     )
-    return scene
+    coarse = dense.simplify_quadric_decimation(faces)
+    return np.asarray(coarse.vertices), np.asarray(coarse.triangles, np.int64)
 
 
-def _level_set(scene, points: np.ndarray, cells: int):
+def _level_set(raw: RaySurface, points: np.ndarray, cells: int) -> tuple[Any, float]:
     """The outer level set around a surface as a trimesh, and the grid spacing in metres."""
-    import open3d
     import trimesh
     from scipy import ndimage
     from skimage.measure import marching_cubes
@@ -89,19 +84,19 @@ def _level_set(scene, points: np.ndarray, cells: int):
     margin = 3
     counts = np.ceil((high - low) / spacing).astype(int) + 2 * margin + 1
     axes = [low[k] + spacing * (np.arange(counts[k]) - margin) for k in range(3)]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).astype(np.float32)
-    distance = scene.compute_distance(open3d.core.Tensor(grid), nthreads=1).numpy()
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    distance = raw.distances(grid)
     wall = distance < _WALL * spacing
-    regions, _ = ndimage.label(~wall)
+    regions, _ = cast(tuple[np.ndarray, int], ndimage.label(~wall))
     outside = regions == regions[0, 0, 0]
     field = np.where(outside | wall, distance, -distance)
-    raw, triangles, _, _ = marching_cubes(field, _LEVEL * spacing, spacing=(spacing,) * 3)
-    mesh = trimesh.Trimesh(raw + low - margin * spacing, triangles, process=False)
+    corners, triangles, _, _ = marching_cubes(field, _LEVEL * spacing, spacing=(spacing,) * 3)
+    mesh = trimesh.Trimesh(corners + low - margin * spacing, triangles, process=False)
     shells = list(mesh.split(only_watertight=False))
     # The largest shell tells the orientation; shells turned the other way are hidden cavities.
     volumes = np.array([shell.volume for shell in shells])
     sign = np.sign(volumes[np.abs(volumes).argmax()])
-    solid = trimesh.util.concatenate(
+    solid: Any = trimesh.util.concatenate(
         [s for s, v in zip(shells, volumes, strict=True) if v * sign > 0]
     )
     if sign < 0:

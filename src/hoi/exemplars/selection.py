@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+
+from hoi.exemplars.ray_surface import RaySurface
 
 
 def unit_box(vertices: np.ndarray) -> np.ndarray:
@@ -27,15 +31,7 @@ def signed_distances(vertices: np.ndarray, faces: np.ndarray, grid: int = 30) ->
     `vertices` (V, 3) in any unit are put into the unit box first; distances are in its sides. The
     sign counts ray crossings (majority of several rays), so the mesh must be watertight.
     """
-    import open3d
-
-    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        open3d.core.Tensor(unit_box(vertices)),
-        open3d.core.Tensor(np.ascontiguousarray(faces, np.uint32)),
-    )
-    query = open3d.core.Tensor(grid_points(grid))
-    return scene.compute_signed_distance(query, nthreads=1, nsamples=3).numpy()
+    return RaySurface(unit_box(vertices), faces).signed_distances(grid_points(grid))
 
 
 def representatives(features: np.ndarray, k: int, seed: int, restarts: int = 10) -> np.ndarray:
@@ -57,7 +53,8 @@ def representatives(features: np.ndarray, k: int, seed: int, restarts: int = 10)
     # N objects span at most N dimensions: clustering their coordinates there is the same problem.
     compact = _isometric_coordinates(features)
     with threadpool_limits(limits=1):
-        clusters = KMeans(k, init="k-means++", n_init=restarts, random_state=seed).fit(compact)
+        options: dict[str, Any] = {"init": "k-means++", "n_init": restarts, "random_state": seed}
+        clusters = KMeans(k, **options).fit(compact)
     to_centre = np.linalg.norm(compact - clusters.cluster_centers_[clusters.labels_], axis=1)
     nearest = [
         members[to_centre[members].argmin()]

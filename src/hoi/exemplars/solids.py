@@ -64,7 +64,7 @@ def disc(radius: float, height: float, centre: Point = (0, 0, 0), sides: int = 2
 
 def lathe(profile: Sequence[tuple[float, float]], sides: int = 28) -> Manifold:
     """A solid of revolution about y; `profile` is a closed polygon of (radius, height)."""
-    outline = CrossSection([[(float(r), float(y)) for r, y in profile]])
+    outline = CrossSection([np.array(profile, np.float64)])
     return outline.revolve(sides).rotate((-90, 0, 0))
 
 
