@@ -24,8 +24,8 @@ include: "workflow/rules/objectfit.smk"
 include: "workflow/rules/actions.smk"
 include: "workflow/rules/priors.smk"
 include: "workflow/rules/joint.smk"
-include: "workflow/rules/evaluate.smk"
 include: "workflow/rules/report.smk"
+include: "workflow/rules/evaluate.smk"
 
 
 report: "workflow/report/workflow.rst"

@@ -23,6 +23,7 @@ from hoi.settings import Settings
 from hoi.smplify.config import SmplifyConfig
 
 DEFAULT_BODY_MODEL = "src/hoi/data/body/neutral.npz"
+ALL_MINI_FRAMES = 12  # per action: what `frames: all` means for a set that has no end
 POSE_DATABASE = "src/hoi/data/poses/database.npz"
 
 
@@ -120,7 +121,7 @@ class RunConfig(Settings):
         """The generator's settings with the run's number of frames."""
         if self.frames == "default":
             return self.behave_mini
-        count = self.behave_mini.all_frames_per_action if self.frames == "all" else self.frames
+        count = ALL_MINI_FRAMES if self.frames == "all" else self.frames
         return self.behave_mini.model_copy(update={"frames_per_action": count})
 
     def joint_settings(self, method: str) -> JointConfig:

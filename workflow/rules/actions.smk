@@ -11,7 +11,7 @@ rule actions:
         index="results/{dataset}/actions/{chunk}.json",
         seconds="results/{dataset}/actions/{chunk}.seconds.json",
     params:
-        identity=identity("actions", CONFIG.actions),
+        identity=stage_identity("actions", CONFIG.actions),
     message:
         "Recognising actions in {wildcards.chunk}"
     log:

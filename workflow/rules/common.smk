@@ -21,6 +21,9 @@ try:
 except HoiError as error:
     raise WorkflowError(f"The configuration is not usable.\n{error}")
 
+# where results are remembered is no part of any result, so scripts read it past the parameters
+config["memo"] = CONFIG.memo
+
 GROUPS = ("chair", "table", "keyboard", "backpack")
 DATASET = CONFIG.dataset_name
 _PLANS = {}
@@ -89,7 +92,7 @@ def exemplar_files(wildcards):
 
 
 def identity(script, settings):
-    """What a result depends on besides its input files: settings, code, library versions, seed.
+    """What a result depends on besides its input files: settings, code, library versions.
 
     One dict, because Snakemake compares the *set* of parameter values: two values that swap
     places would go unnoticed. Digests, because Snakemake does not look into imported modules.
@@ -99,8 +102,12 @@ def identity(script, settings):
         "settings": settings if isinstance(settings, dict) else settings.model_dump(mode="json"),
         "code": code_digest(str(scripts / f"{script}.py"), str(scripts / "chunk_job.py")),
         "environment": environment_digest(),
-        "seed": CONFIG.seed,
     }
+
+
+def stage_identity(stage, settings):
+    """The same for a stage that works through frames: the run's seed counts, too."""
+    return identity(stage, settings) | {"seed": CONFIG.seed}
 
 
 wildcard_constraints:

@@ -11,7 +11,7 @@ rule evaluate:
         index="results/{dataset}/evaluate/{method}/{chunk}.json",
         seconds="results/{dataset}/evaluate/{method}/{chunk}.seconds.json",
     params:
-        identity=identity("evaluate", CONFIG.evaluate),
+        identity=stage_identity("evaluate", CONFIG.evaluate),
     message:
         "Measuring {wildcards.chunk} ({wildcards.method})"
     log:
@@ -37,7 +37,7 @@ def table_params(group, methods, ablation=False):
         "masks": CONFIG.detect_settings(dataset_of(group)).masks,
         "failure_cm": CONFIG.evaluate.failure_cm,
         "frames": frame_labels(chunks_of(group)),
-        "code": identity("table", {})["code"],
+        "identity": drawing_identity("table", {}),
     }
 
 

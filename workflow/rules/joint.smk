@@ -18,7 +18,7 @@ rule joint:
         index="results/{dataset}/joint/{method}/{chunk}.json",
         seconds="results/{dataset}/joint/{method}/{chunk}.seconds.json",
     params:
-        identity=lambda wildcards: identity("joint", CONFIG.joint_settings(wildcards.method)
+        identity=lambda wildcards: stage_identity("joint", CONFIG.joint_settings(wildcards.method)
         ),
     message:
         "Optimising body and object in {wildcards.chunk} ({wildcards.method})"

@@ -11,7 +11,7 @@ rule objectfit:
         index="results/{dataset}/objectfit/{search}/{chunk}.json",
         seconds="results/{dataset}/objectfit/{search}/{chunk}.seconds.json",
     params:
-        identity=lambda wildcards: identity("objectfit", CONFIG.objectfit[wildcards.search]
+        identity=lambda wildcards: stage_identity("objectfit", CONFIG.objectfit[wildcards.search]
         ),
     message:
         "Searching object poses in {wildcards.chunk} ({wildcards.search})"

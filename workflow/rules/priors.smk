@@ -10,7 +10,7 @@ rule priors:
         index="results/{dataset}/priors/{chunk}.json",
         seconds="results/{dataset}/priors/{chunk}.seconds.json",
     params:
-        identity=identity("priors", CONFIG.priors),
+        identity=stage_identity("priors", CONFIG.priors),
     message:
         "Looking up priors for {wildcards.chunk}"
     log:

@@ -1,6 +1,15 @@
 # What people look at: a page a frame, a gallery, scenes and overlays, the table of photos
 
 
+from hoi.digest import files_digest
+from hoi.report import asset_files
+
+
+def drawing_identity(script, settings):
+    """Drawings depend on their templates, too."""
+    return identity(script, settings) | {"templates": files_digest(asset_files())}
+
+
 def methods_of(dataset):
     return ("ours",) if dataset == PHOTOS else CONFIG.tables.methods
 
@@ -53,7 +62,7 @@ rule page:
         ),
     params:
         methods=lambda wildcards: list(methods_of(wildcards.dataset)),
-        identity=identity("page", CONFIG.report),
+        identity=drawing_identity("page", CONFIG.report),
     message:
         "Drawing the page of {wildcards.frame}"
     log:
@@ -97,7 +106,7 @@ rule gallery:
     params:
         methods=lambda wildcards: list(methods_of(wildcards.dataset)),
         shown=lambda wildcards: shown_frames(wildcards.group),
-        identity=identity("gallery", CONFIG.report),
+        identity=drawing_identity("gallery", CONFIG.report),
     message:
         "Drawing the gallery of {wildcards.group}"
     log:
@@ -114,7 +123,7 @@ rule scenes:
         "results/{dataset}/scenes/{chunk}.json",
     params:
         method="ours",
-        identity=identity("scenes", CONFIG.report),
+        identity=drawing_identity("scenes", CONFIG.report),
     message:
         "Writing the scenes of {wildcards.chunk}"
     log:

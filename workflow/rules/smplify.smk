@@ -11,7 +11,7 @@ rule smplify:
         index="results/{dataset}/smplify/{chunk}.json",
         seconds="results/{dataset}/smplify/{chunk}.seconds.json",
     params:
-        identity=identity("smplify", CONFIG.smplify),
+        identity=stage_identity("smplify", CONFIG.smplify),
     message:
         "Fitting bodies in {wildcards.chunk}"
     log:

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from chunk_job import run_stage
-from snakemake.script import snakemake
 
 from hoi.artifacts import Detection, Frame
 

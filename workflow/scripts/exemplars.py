@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-from snakemake.script import snakemake
-
 from hoi.exemplars.build import build_library
 from hoi.exemplars.config import ExemplarsConfig
 

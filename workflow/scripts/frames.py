@@ -5,7 +5,6 @@ from functools import partial
 from pathlib import Path
 
 from chunk_job import logged
-from snakemake.script import snakemake
 
 from hoi.artifacts import Frame, GroundTruth
 from hoi.chunks import write_chunk

@@ -4,12 +4,11 @@ from pathlib import Path
 
 from chunk_job import logged
 from frame_artifacts import FrameArtifacts
-from snakemake.script import snakemake
 
 from hoi.body import BodyModel
 from hoi.report.config import ReportConfig
 from hoi.report.gallery import card_of, gallery_page
-from hoi.report.overlay import joint_panels, thumbnail
+from hoi.report.overlay import frame_thumbnail
 
 config = ReportConfig(**snakemake.params.identity["settings"])
 artifacts = FrameArtifacts(snakemake.input, snakemake.params.methods)
@@ -22,8 +21,7 @@ with logged(snakemake):
         views = artifacts.views(frame_id)
         image = None
         if frame.ok:
-            panels = joint_panels(frame, detection, views[-1].joint, faces, config)
-            image = thumbnail(panels, config)
+            image = frame_thumbnail(frame, detection, views[-1].joint, faces, config)
         href = f"../pages/{frame_id}.html" if frame_id in shown else ""
         cards.append(card_of(frame, detection, views, href, image))
     heading = f"{snakemake.wildcards.dataset}: {snakemake.wildcards.group}"

@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-from snakemake.script import snakemake
-
 from hoi.detect.models import fetch_models
 
 fetch_models(Path(snakemake.output[0]).parent, snakemake.wildcards.which)

@@ -4,7 +4,6 @@ from pathlib import Path
 
 from chunk_job import logged
 from frame_artifacts import FrameArtifacts
-from snakemake.script import snakemake
 
 from hoi.body import BodyModel
 from hoi.report.config import ReportConfig

@@ -1,7 +1,6 @@
 """Read a chunk of a folder of photos."""
 
 from chunk_job import logged
-from snakemake.script import snakemake
 
 from hoi.artifacts import Frame
 from hoi.chunks import write_chunk

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pandas as pd
 from chunk_job import logged
-from snakemake.script import snakemake
 
 from hoi.artifacts import BodyFit, Frame, Joint
 from hoi.chunks import read_artifacts
