@@ -162,7 +162,7 @@ def test_detected_person_and_object_fill_the_artifact():
         ([CHAIR, box("person", 0.1, *PERSON_BOX)], "no_person_detected"),
         ([PERSON], "no_object_detected"),
         ([PERSON, box("dog", 0.9, *CHAIR_BOX)], "no_object_detected"),
-        ([PERSON, box("chair", 0.1, *CHAIR_BOX)], "no_object_detected"),
+        ([PERSON, box("chair", 0.08, *CHAIR_BOX)], "no_object_detected"),
         ([box("person", 0.9, 0, 0, 20, 30), box("chair", 0.9, 140, 100, 160, 120)],)
         + ("no_object_detected",),
     ],
@@ -345,10 +345,20 @@ def test_grabcut_on_a_plain_wall_falls_back_to_the_box_without_the_person():
     assert mask.any() and not mask[:, 200:].any()
 
 
-def test_a_bag_swallowed_by_the_person_keeps_its_box():
+def test_a_bag_that_the_person_mask_swallowed_is_found_by_its_colour():
+    image, _, pose = picture()
+    worn = np.zeros(image.shape[:2], bool)
+    worn[60:100, 72:98] = True
+    image[worn] = 200, 200, 30
+    mask, source = GrabCut(GrabCutConfig(), 0.5)(image, (70, 56, 100, 104), pose, seed=0)
+    assert source == "grabcut_ignoring_person"
+    assert (mask & worn).sum() / (mask | worn).sum() > 0.9
+
+
+def test_a_bag_of_the_persons_colour_keeps_its_box():
     image, _, pose = picture()
     worn = (70.0, 60.0, 100.0, 100.0)
-    mask, source = GrabCut(GrabCutConfig(minimum_fill=0.5), 0.5)(image, worn, pose, seed=0)
+    mask, source = GrabCut(GrabCutConfig(minimum_fill=1.0), 0.5)(image, worn, pose, seed=0)
     assert source == "box"
     assert mask_box(mask) == worn
 

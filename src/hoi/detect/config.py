@@ -88,8 +88,14 @@ class GrabCutConfig(Settings):
         default=0.08,
         ge=0,
         le=1,
-        description="A result that covers less of its box is distrusted; the box without the "
-        "person takes its place.",
+        description="A result that covers less of its box is distrusted.",
+    )
+    swallowed: float = Field(
+        default=0.5,
+        ge=0,
+        le=1,
+        description="Where the person's mask covers this share of the object's box it has "
+        "swallowed the object (a worn bag) and is no hint.",
     )
 
 
@@ -109,17 +115,18 @@ class DetectConfig(Settings):
     )
 
     person_threshold: float = Field(
-        default=0.3,
+        default=0.2,
         ge=0,
         le=1,
         description="The paper's PointRend uses 0.9 (section 4.2); the scores of the small "
         "detector used here are lower.",
     )
     object_threshold: float = Field(
-        default=0.2,
+        default=0.1,
         ge=0,
         le=1,
-        description="The paper: 0.9, and 0.6 as a second try (section 4.2).",
+        description="The paper: 0.9, and 0.6 as a second try (section 4.2). Ours can be low: only "
+        "boxes of the wanted class next to a person compete.",
     )
     reported_thresholds: tuple[float, ...] = Field(
         default=(0.9, 0.6),

@@ -11,7 +11,7 @@ import numpy as np
 
 from hoi.body.keypoints import KEYPOINT
 from hoi.detect.backends import Box, PersonPose
-from hoi.detect.boxes import area, grown, longer_side, pixel_window
+from hoi.detect.boxes import grown, longer_side, pixel_window
 from hoi.detect.config import GrabCutConfig
 
 LIMBS: tuple[tuple[str, str], ...] = tuple(
@@ -34,8 +34,10 @@ _TRUNK = ("left_shoulder", "right_shoulder", "right_hip", "left_hip")
 class GrabCut:
     """An :class:`hoi.detect.backends.ObjectSegmenter`.
 
-    Sources it reports: ``grabcut``; ``box_minus_person`` when GrabCut finds next to nothing;
-    ``box`` when the person covers the whole box too (a bag worn on the body).
+    Sources it reports: ``grabcut``, with the person as probable background;
+    ``grabcut_ignoring_person``, where the person's mask fills the box (pose models swallow worn
+    bags) or the first attempt finds next to nothing; and if that does no better,
+    ``box_minus_person``, or ``box`` where the mask fills it.
     """
 
     def __init__(self, config: GrabCutConfig, visible: float):
@@ -51,12 +53,18 @@ class GrabCut:
         skeleton = draw_skeleton(
             image.shape[:2], pose.keypoints, self.visible, self.config.limb_width
         )
-        needed = max(self.config.minimum_fill * area(box), 1.0)
-        mask = self._segment(image, box, person, skeleton, seed) & in_box
-        if mask.sum() >= needed:
-            return mask, "grabcut"
+        nothing = np.zeros_like(person)
+        needed = max(self.config.minimum_fill * in_box.sum(), 1.0)
+        swallowed = (in_box & person).sum() >= self.config.swallowed * in_box.sum()
+        attempts = [("grabcut_ignoring_person", nothing, nothing)]
+        if not swallowed:
+            attempts.insert(0, ("grabcut", person, skeleton))
+        for source, unlikely, excluded in attempts:
+            mask = self._segment(image, box, unlikely, excluded, seed) & in_box
+            if mask.sum() >= needed:
+                return mask, source
         mask = in_box & ~person
-        return (mask, "box_minus_person") if mask.sum() >= needed else (in_box, "box")
+        return (in_box, "box") if swallowed or not mask.any() else (mask, "box_minus_person")
 
     def _segment(
         self, image: np.ndarray, box: Box, person: np.ndarray, skeleton: np.ndarray, seed: int
