@@ -19,7 +19,11 @@ from hoi.detect.stage import DetectStage
 from hoi.errors import AssetError, FrameFailure
 
 ROOT = Path(__file__).parent.parent
-MODELS = Path(os.environ.get("HOI_MODELS", ROOT / ".cache" / "models"))
+_PLACES = (ROOT / "resources" / "models", ROOT / ".cache" / "models")
+MODELS = Path(
+    os.environ.get("HOI_MODELS")
+    or next((folder for folder in _PLACES if (folder / "nanodet.onnx").is_file()), _PLACES[0])
+)
 PHOTOS = ROOT / "examples" / "photos"
 NAMES = (
     "cc0_baby_teddy.jpg",
