@@ -120,6 +120,9 @@ class JointConfig(Settings):
     sdf_grid: int = Field(32, ge=2, description="[3.4] 8 cells a side; 32 costs 0.2 s")
     sdf_margin: float = Field(0.08, ge=0, description="metres around the body covered by the grid")
     silhouette_resolution: PositiveInt = Field(128, description="pixels of the ROI's side")
+    keep_threshold: float = Field(
+        0.25, ge=0, le=1, description="cells covered by the person more than this are ignored"
+    )
     weights_resolution: PositiveInt = Field(
         256, description="resolution for which the reprojection weight is meant"
     )

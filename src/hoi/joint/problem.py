@@ -175,7 +175,7 @@ def build_problem(
         intrinsics=torch.from_numpy(
             intrinsics_for(roi, frame.intrinsics, config.silhouette_resolution)
         ),
-        target=_target(detection, roi, config.silhouette_resolution),
+        target=_target(detection, roi, config.silhouette_resolution, config.keep_threshold),
         edge_weight=config.edge_weight,
         pixel_weight=(config.weights_resolution / config.silhouette_resolution) ** 2,
         roi=roi,
@@ -312,13 +312,15 @@ def _roi(objects: ObjectFit, detection: Detection, margin: float) -> Roi:
     return Roi.around(box, (margin - 1) / 2)
 
 
-def _target(detection: Detection, roi: Roi, resolution: int) -> SilhouetteTarget:
-    """The object's mask; pixels of the person and off the photo say nothing."""
-    thing, person = detection.object_mask, detection.person_mask
-    mask = crop_mask(thing, roi, resolution) > 0.5
-    occluded = crop_mask(person & ~thing, roi, resolution) > 0.5
-    on_photo = crop_mask(np.ones_like(thing), roi, resolution) > 0.5
-    return SilhouetteTarget(mask, on_photo & (mask | ~occluded))
+def _target(
+    detection: Detection, roi: Roi, resolution: int, keep_threshold: float
+) -> SilhouetteTarget:
+    """Coverage of the object's mask; cells under the person or off the photo say nothing."""
+    person = detection.person_mask & ~detection.object_mask
+    known = crop_mask(~person, roi, resolution)
+    covered = crop_mask(detection.object_mask, roi, resolution)
+    keep = np.where(known >= 1 - keep_threshold, known, 0)
+    return SilhouetteTarget(covered / np.maximum(known, 1e-6), keep)
 
 
 def _missing_parts(pairs, geometry: ObjectGeometry) -> list[str]:

@@ -1,0 +1,125 @@
+"""The joint stage as a whole, on a person sitting on a box chair."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from hoi.artifacts import Joint
+from hoi.body import DEFAULT_BODY
+from hoi.errors import ConfigError, FrameFailure
+from hoi.exemplars import save_library
+from hoi.joint.config import JointConfig
+from hoi.joint.presets import PRESETS, preset
+from hoi.joint.stage import JointStage, touching
+from joint_scene import body_model, box_chair, method_config, sitting_scene
+
+QUICK = {"optimiser": "adam", "iterations": 15, "learning_rate": 1e-2}
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("exemplars")
+    save_library([box_chair(), box_chair("other", arms=True)], folder / "chair.npz")
+    return folder
+
+
+def run(scene, library, config) -> Joint:
+    stage = JointStage(config, DEFAULT_BODY, library)
+    return stage(scene.frame, scene.detection, scene.body, scene.objects, scene.prior, seed=3)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_method_of_the_tables_gives_a_valid_artifact(name, library, tmp_path):
+    scene = sitting_scene(second=True)
+    result = run(scene, library, method_config(name, fast=QUICK))
+    result.save(tmp_path / "joint.npz")
+    again = Joint.load(tmp_path / "joint.npz")
+    assert again.to_bytes() == result.to_bytes()
+    assert result.method == name
+    assert result.action == ("lift" if name == "no_action" else "sit")
+    assert result.hypothesis_exemplars == ["box", "other"]
+    assert set(result.loss_curve) == set(method_config(name).terms)
+    assert {"total", "order_violation", "iou"} <= set(result.hypothesis_terms)
+
+
+def test_the_artifact_says_how_its_object_was_placed(library):
+    scene = sitting_scene()
+    result = run(scene, library, method_config("ours"))
+    placed = result.object_scale * box_chair().vertices @ result.object_rotation.T
+    placed = placed + result.object_translation
+    np.testing.assert_allclose(result.object_vertices, placed, atol=1e-4)
+    np.testing.assert_allclose(result.body_vertices, scene.body.vertices)
+    error = np.linalg.norm(result.object_vertices - scene.true_vertices, axis=1).mean()
+    assert error < 0.05
+    butt = np.isclose(result.contact_vertices, 1, atol=0.5)
+    assert 10 < butt.sum() < len(result.body_vertices) / 4
+
+
+def test_equal_inputs_give_equal_bytes(library):
+    config = method_config("ours")
+    first, second = (run(sitting_scene(second=True), library, config) for _ in range(2))
+    assert first.to_bytes() == second.to_bytes()
+
+
+def test_contacts_with_parts_the_exemplars_lack_are_skipped_and_recorded(library):
+    scene = sitting_scene()
+    result = run(scene, library, method_config("no_action", fast=QUICK))
+    assert "chair_arm" in result.detail
+    both = run(sitting_scene(second=True), library, method_config("paper", action="default"))
+    assert "box has no chair_arm" in both.detail
+
+
+def test_trouble_with_one_frame_is_a_frame_failure(library):
+    scene = sitting_scene()
+    scene.objects = scene.objects.model_copy(update={"exemplars": ["gone"]})
+    with pytest.raises(FrameFailure, match="unknown_exemplar"):
+        run(scene, library, method_config("ours"))
+    scene = sitting_scene()
+    scene.prior = scene.prior.model_copy(update={"retrieved": None})
+    with pytest.raises(FrameFailure, match="no_prior"):
+        run(scene, library, method_config("ours"))
+    scene = sitting_scene()
+    behind = scene.objects.translations * [1, 1, -1]
+    scene.objects = scene.objects.model_copy(update={"translations": behind})
+    with pytest.raises(FrameFailure, match="joint_diverged"):
+        run(scene, library, method_config("ours", fast=QUICK))
+
+
+def test_a_body_of_another_model_is_a_configuration_error(library):
+    scene = sitting_scene()
+    scene.body = scene.body.model_copy(update={"body_model": "another"})
+    with pytest.raises(ConfigError, match=body_model().identity):
+        run(scene, library, method_config("ours"))
+
+
+def test_ablations_are_other_lists_of_terms():
+    ours = preset("ours")
+    assert ours == JointConfig()
+    assert set(ours.terms) - set(preset("no_normal").terms) == {"normal"}
+    assert not preset("no_normal").opposing_normals
+    assert set(ours.terms) - set(preset("no_contact").terms) == {"contact", "normal", "ground"}
+    assert preset("no_action").terms == ours.terms
+    assert all(name.startswith("phosa_") for name in preset("phosa").terms)
+    paper = preset("paper")
+    assert paper.terms["contact"] == 1 and paper.terms["reprojection"] == 0.0005
+    assert (paper.paper.iterations, paper.paper.learning_rate) == (500, 2e-3)
+
+
+def test_unknown_terms_and_methods_are_named_in_the_error():
+    with pytest.raises(ValidationError, match="gravity"):
+        JointConfig(terms={"gravity": 1.0})
+    with pytest.raises(ValidationError, match="at least one"):
+        JointConfig(terms={})
+    with pytest.raises(KeyError, match="known: ours"):
+        preset("theirs")
+
+
+def test_touch_fades_with_distance():
+    chair = box_chair()
+    seat = chair.vertices[chair.part_vertices("chair_seat")]
+    top = np.array([[0.0, seat[:, 1].max(), 0.0]])
+    points = np.concatenate([top, top + [0, 0.025, 0], top + [0, 0.2, 0]])
+    found = touching(points, chair.vertices, chair.faces, reach=0.05)
+    assert found.tolist() == pytest.approx([1, 0.5, 0], abs=1e-3)
