@@ -103,10 +103,9 @@ def derive_surface_regressor(
     nose = foremost(head[np.abs(x[head]) < 0.012 * scale], z)
     targets = {"nose": nose}
     level = head[np.abs(y[head] - nose[1] - 0.015 * scale) < 0.035 * scale]
-    front = head[z[head] > joints[JOINT["head"], 2]]
     for side, sign in (("left", 1.0), ("right", -1.0)):
         eye = nose + scale * np.array([sign * 0.03, 0.045, -0.02])
-        targets[f"{side}_eye"] = vertices[front[_nearest(vertices[front, :2], eye[:2], 1)[0]]]
+        targets[f"{side}_eye"] = vertices[head[_nearest(vertices[head], eye, 1)[0]]]
         targets[f"{side}_ear"] = foremost(level, sign * x)
         ankle = joints[JOINT[f"{side}_ankle"]]
         foot = np.flatnonzero(

@@ -107,9 +107,11 @@ class PosePrior:
         centres = np.concatenate([poses, poses.mean(0, keepdims=True)])
         self._centres = torch.as_tensor(centres, dtype=dtype)
         kernel = (config.pose_kernel_width * span).expand(len(poses), -1)
-        self._deviations = torch.cat([kernel, config.pose_broad_width * span[None]])
-        self._penalty = torch.zeros(len(centres), dtype=dtype)
-        self._penalty[-1] = config.pose_broad_penalty
+        deviations = torch.cat([kernel, config.pose_broad_width * span[None]])
+        self._precision = deviations.reciprocal().square()
+        self._weighted_centres = self._precision * self._centres
+        self._constant = (self._weighted_centres * self._centres).sum(1)
+        self._constant[-1] += config.pose_broad_penalty
         self._limit_sd = float(np.deg2rad(config.limit_sd_deg))
         self._config = config
 
@@ -128,7 +130,7 @@ class PosePrior:
         """Gradient and diagonal Gauss-Newton curvature (both half the derivative), each (B, 69)."""
         config = self._config
         index = self.closest(body_pose)
-        precision = config.pose_weight / self._deviations[index].square()
+        precision = config.pose_weight * self._precision[index]
         gradient = precision * (body_pose - self._centres[index])
         beyond = self._beyond(body_pose)
         stiffness = config.limit_weight / self._limit_sd**2
@@ -137,11 +139,8 @@ class PosePrior:
 
     def _component_energies(self, body_pose: Tensor) -> Tensor:
         """(B, N + 1), by the expanded square: one matrix product whatever the database's size."""
-        precision = self._deviations.reciprocal().square()
-        weighted = precision * self._centres
-        constant = (weighted * self._centres).sum(1) + self._penalty
-        squares = body_pose.square() @ precision.T - 2 * body_pose @ weighted.T
-        return squares + constant
+        squares = body_pose.square() @ self._precision.T
+        return squares - 2 * body_pose @ self._weighted_centres.T + self._constant
 
     def _beyond(self, body_pose: Tensor) -> Tensor:
         """How far each angle is outside its range, signed; zero inside."""

@@ -10,6 +10,8 @@ from hoi.smplify.energy import Bodies, Energy
 #: Damping acts on the diagonal plus this, so that parameters nothing constrains stay put.
 _FLOOR = 1e-3
 _SMALLEST, _LARGEST = 1e-7, 1e7
+#: It is over when for this many steps no energy fell by more than this share.
+_PATIENCE, _TOLERANCE = 3, 1e-3
 
 
 def minimise(
@@ -24,7 +26,7 @@ def minimise(
     Args:
         energy: what to minimise.
         bodies: B starts.
-        iterations: number of steps tried.
+        iterations: most steps tried.
         initial_damping: relative to the curvature.
         camera_only: move root rotation and translation alone.
     Returns:
@@ -33,6 +35,7 @@ def minimise(
     posed = energy.posed(bodies)
     value = _total(energy, bodies, posed)
     damping = torch.full_like(value, initial_damping)
+    stalled = torch.zeros_like(value)
     for _ in range(iterations):
         gradient, matrix = energy.normal_equations(bodies, posed)
         step = _solve(gradient, matrix, damping, camera_only)
@@ -42,8 +45,12 @@ def minimise(
         better = trial_value < value
         bodies = Bodies(*_choose(better, trial, bodies))
         posed = type(posed)(*_choose(better, trial_posed, posed))
+        gained = (value - trial_value) > _TOLERANCE * value
+        stalled = torch.where(gained, torch.zeros_like(stalled), stalled + 1)
         value = torch.where(better, trial_value, value)
         damping = torch.where(better, damping / 4, damping * 6).clamp(_SMALLEST, _LARGEST)
+        if bool((stalled >= _PATIENCE).all()):
+            break
     return bodies, value
 
 
