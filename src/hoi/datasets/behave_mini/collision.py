@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 
@@ -9,8 +11,9 @@ class Solid:
     """A closed mesh that knows how deep points lie in it."""
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray):
-        import open3d as o3d
+        import open3d
 
+        o3d: Any = open3d  # its stubs know no tensors made of arrays
         self._core = o3d.core
         self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
         self._scene.add_triangles(

@@ -49,9 +49,9 @@ class BehaveMiniConfig(Settings):
     reach_tolerance_m: float = Field(0.035, gt=0, description="hand to its contact point")
     max_depth_m: float = Field(0.035, gt=0, description="deepest object point in the body")
     max_inside_share: float = Field(0.02, ge=0, le=1, description="object surface > 1.5 cm inside")
-    camera: CameraConfig = CameraConfig()
-    keypoints: KeypointNoiseConfig = KeypointNoiseConfig()
-    render: RenderConfig = RenderConfig()
+    camera: CameraConfig = Field(default_factory=CameraConfig)
+    keypoints: KeypointNoiseConfig = Field(default_factory=KeypointNoiseConfig)
+    render: RenderConfig = Field(default_factory=RenderConfig)
 
     @property
     def image_height(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,7 +21,7 @@ class Material:
         glow: radiance it gives off (windows, lamps).
     """
 
-    rgb: tuple[float, float, float]
+    rgb: Sequence[float]
     texture: int = -1
     tile: float = 1.0
     gloss: float = 0.0

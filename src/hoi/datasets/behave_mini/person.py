@@ -89,21 +89,21 @@ class Person:
 
     def keypoints(self, pose: Pose) -> np.ndarray:
         """(21, 3) the points of `hoi.body.keypoints.KEYPOINTS` in world coordinates."""
-        return self._call(self.model.keypoints, pose.root - self.rest_joints[0], pose.rotations)
-
-    def _forward(self, transl, rotations) -> tuple[np.ndarray, np.ndarray]:
-        output = self._call(self.model, transl, rotations)
-        return output  # type: ignore[return-value]
-
-    def _call(self, function, transl, rotations):
-        def row(values):
-            return torch.as_tensor(np.asarray(values, np.float32).reshape(1, -1))
-
+        transl = pose.root - self.rest_joints[0]
         with torch.no_grad():
-            result = function(row(rotations[0]), row(rotations[1:]), row(self.betas), row(transl))
-        if isinstance(result, torch.Tensor):
-            return result[0].numpy().astype(np.float64)
-        return tuple(part[0].numpy().astype(np.float64) for part in result)
+            points = self.model.keypoints(*self._parameters(transl, pose.rotations))
+        return points[0].numpy().astype(np.float64)
+
+    def _forward(self, transl: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        with torch.no_grad():
+            posed = self.model(*self._parameters(transl, rotations))
+        vertices, joints = (part[0].numpy().astype(np.float64) for part in posed)
+        return vertices, joints
+
+    def _parameters(self, transl: np.ndarray, rotations: np.ndarray) -> list[torch.Tensor]:
+        """global_orient, body_pose, betas and transl as batches of one."""
+        values = (rotations[0], rotations[1:], self.betas, transl)
+        return [torch.as_tensor(np.asarray(v, np.float32).reshape(1, -1)) for v in values]
 
     # ------------------------------------------------------------------ points used as handles
 

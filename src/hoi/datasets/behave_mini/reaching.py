@@ -105,7 +105,7 @@ def _to_segment(point: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.
 #: how unwillingly each joint leaves the given pose (1 = one unit of residual per radian), x y z
 _STIFFNESS = {
     **{f"{s}_{n}": v for s in ("left", "right") for n, v in {
-        "hip": (0.25, 0.45, 0.45), "knee": (0.12, 3.0, 3.0), "ankle": (0.3, 0.6, 0.6),
+        "hip": (0.3, 0.5, 0.5), "knee": (0.3, 3.0, 3.0), "ankle": (0.3, 0.6, 0.6),
         "collar": (0.9, 0.9, 0.9), "shoulder": (0.25, 0.15, 0.15), "elbow": (2.0, 0.1, 2.0),
         "wrist": (0.5, 0.5, 0.4),
     }.items()},

@@ -8,7 +8,7 @@ rays on one thread; the same scene gives the same bytes.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numba
@@ -46,8 +46,9 @@ class RayScene:
     """A scene prepared for casting: one flat list of triangles."""
 
     def __init__(self, scene: Scene):
-        import open3d as o3d
+        import open3d
 
+        o3d: Any = open3d  # its stubs know no tensors made of arrays
         self._o3d = o3d
         self.scene = scene
         self._caster = o3d.t.geometry.RaycastingScene(nthreads=1)

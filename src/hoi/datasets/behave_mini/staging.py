@@ -708,7 +708,7 @@ def _hugged(t: _Try) -> Proposal | None:
         point, _ = far.furthest([0, 0, 1], near, 1.5)
         grips.append((side, point, np.array([sign * 0.25, 0.0, 1.0])))
     pose = t.reach(pose, tasks + t.hold(grips, 1.0), grips, 0.35)
-    made = Proposal(pose, rotation, translation, [(s, p) for s, p, _ in grips])
+    made = Proposal(pose, rotation, translation, [(s, p) for s, p, _ in grips], sink=0.05)
     return _loose(made, "shoulder_strap", "handle")
 
 

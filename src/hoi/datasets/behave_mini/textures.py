@@ -91,6 +91,15 @@ def striped(rng: np.random.Generator) -> np.ndarray:
     return _finish(_mix(share, first, second) * (0.92 + 0.12 * fractal(rng))[..., None])
 
 
+def wallpaper(rng: np.random.Generator) -> np.ndarray:
+    """Soft stripes of two near tones."""
+    tone = hsv(rng, saturation=(0.02, 0.25), value=(0.55, 0.9))
+    x = np.mgrid[:SIZE, :SIZE][1]
+    share = (np.sin(2 * np.pi * x * rng.integers(4, 10) / SIZE) > 0) * 1.0
+    paper = _mix(share, tone, np.asarray(tone) * rng.uniform(0.8, 0.93))
+    return _finish(paper * (0.95 + 0.1 * fractal(rng))[..., None])
+
+
 def plaster(rng: np.random.Generator, tone: np.ndarray | None = None) -> np.ndarray:
     if tone is None:
         tone = hsv(rng, saturation=(0.0, 0.22), value=(0.62, 0.95))
@@ -178,5 +187,5 @@ FLOORS: tuple[Callable[[np.random.Generator], np.ndarray], ...] = (planks, plank
 WALLS: tuple[Callable[[np.random.Generator], np.ndarray], ...] = (
     *(plaster,) * 6,
     bricks,
-    striped,
+    wallpaper,
 )

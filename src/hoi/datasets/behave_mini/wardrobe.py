@@ -95,7 +95,7 @@ def dress(rng: np.random.Generator, person: Person, scene: Scene) -> Wardrobe:
         if rng.random() < 0.5
         else textures.cloth(rng, textures.hsv(rng, saturation=(0.0, 0.35), value=(0.08, 0.6)))
     )
-    shoes = textures.hsv(rng, saturation=(0.0, 0.7), value=(0.05, 0.9)) / 255
+    shoes = textures.hsv(rng, saturation=(0.0, 0.35), value=(0.04, 0.8)) / 255
     shoulder, elbow, wrist = (joints[JOINT[f"left_{n}"]] for n in ("shoulder", "elbow", "wrist"))
     sleeve = rng.choice([shoulder[0] + 0.55 * (elbow[0] - shoulder[0]), wrist[0] - 0.015,
                          elbow[0] + 0.05], p=[0.45, 0.45, 0.1])  # fmt: skip
