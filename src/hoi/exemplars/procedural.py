@@ -392,7 +392,7 @@ def backpack(
     strap_radius: float,
 ) -> Parts:
     """A backpack: the wearer's back is at -z, pockets at +z."""
-    body = [cushion((width, height, depth), (0, height / 2, 0), rounding * depth, 16)]
+    body = [cushion((width, height, depth), (0, height / 2, 0), rounding * depth, 12)]
     if pocket in ("front", "front and sides"):
         size = (0.74 * width, pocket_height * height, 0.5 * depth)
         body.append(cushion(size, (0, 0.08 * height + size[1] / 2, 0.46 * depth), 0.2 * depth, 12))
@@ -400,22 +400,18 @@ def backpack(
         size = (0.22 * width, 0.34 * height, 0.55 * depth)
         body += [cushion(size, (s * 0.5 * width, 0.22 * height, 0), 0.2 * depth) for s in SIDES]
     arc = np.linspace(0, np.pi, 9)
-    rear = -depth / 2 + 0.01
-    straps = [
-        tube(
-            [
-                (s * strap_spread * width * (1 + 0.25 * a / np.pi),
-                 height * (0.52 + 0.38 * np.cos(a)),
-                 rear - strap_bow * np.sin(a))
-                for a in arc
-            ],
-            strap_radius,
-        )
-        for s in SIDES
-    ]  # fmt: skip
-    loop = [(0.05 * np.cos(a), 0.985 * height + 0.045 * np.sin(a), -0.2 * depth) for a in arc]
-    handle = [tube([(0.05, 0.9 * height, -0.2 * depth), *loop, (-0.05, 0.9 * height, -0.2 * depth)],
-                   0.009)]  # fmt: skip
+    straps = []
+    for s in SIDES:
+        x = s * strap_spread * width * (1 + 0.25 * arc / np.pi)
+        y = height * (0.52 + 0.38 * np.cos(arc))
+        z = 0.01 - depth / 2 - strap_bow * np.sin(arc)
+        outside = np.column_stack([x, y, z])
+        # Rounded bodies curve away from the strap's ends, so these reach well inside.
+        root, tail = (end * (1, 1, 0.4) for end in (outside[0], outside[-1]))
+        straps.append(tube([root, *outside, tail], strap_radius))
+    rear, root = -0.2 * depth, 0.9 * height
+    loop = [(0.05 * np.cos(a), 0.985 * height + 0.045 * np.sin(a), rear) for a in arc]
+    handle = [tube([(0.05, root, rear), *loop, (-0.05, root, rear)], 0.009)]
     return {"bag_body": body, "shoulder_strap": straps, "handle": handle}
 
 
