@@ -240,6 +240,21 @@ def test_person_of_few_pixels_is_fitted_alike(stage, model):
     )
 
 
+def test_landmarks_show_an_arm_that_the_image_hides(stage, model):
+    """A raised arm out of the picture: the pose database alone would let it hang."""
+    person = Person(np.random.default_rng(1), model)
+    random = np.random.default_rng(2)
+    person.parameters[1][0] = torch.as_tensor(POSES["overhead"][1:].ravel())
+    person.vertices = model(*person.parameters).vertices[0].numpy()
+    points = model.keypoints(*person.parameters)[0].numpy()
+    pixels = project(points, KINECT) + random.normal(0, 5, (21, 2))
+    keypoints = np.column_stack([pixels, np.ones(21)])
+    keypoints[[KEYPOINT["left_elbow"], KEYPOINT["left_wrist"]], 2] = 0
+    hips = points[[KEYPOINT["left_hip"], KEYPOINT["right_hip"]]].mean(0)
+    result = fit(stage, keypoints, points - hips + random.normal(0, 0.035, (21, 3)))
+    assert aligned_vertex_error(result.vertices, person.vertices) < 0.05
+
+
 # -------------------------------------------------------------------------------- refusal
 
 
@@ -305,6 +320,7 @@ def scene(model):
         keypoints=torch.as_tensor(person.keypoints[:, :2]),
         confidence=torch.as_tensor(person.keypoints[:, 2]),
         landmarks=torch.as_tensor(person.landmarks),
+        landmark_confidence=torch.as_tensor(person.keypoints[:, 2]),
         pixels_per_metre=350.0,
     )
     centres = np.stack([p[1:].ravel() for p in POSES.values()])

@@ -56,6 +56,15 @@ class SmplifyConfig(Settings):
         ),
     )
     landmark_sd_m: float = Field(0.08, gt=0, description="landmark error (metres)")
+    landmark_unseen_weight: float = Field(
+        0.25,
+        ge=0,
+        le=1,
+        description=(
+            "least weight of a landmark: where a keypoint is hidden, the detector's guess at its "
+            "place in space is still better than none"
+        ),
+    )
     landmark_robust_m: float = Field(0.3, gt=0, description="its Geman-McClure scale (metres)")
     upright_weight: float = Field(1.0, ge=0)
     upright_sd_deg: float = Field(

@@ -55,6 +55,7 @@ class Observation:
     keypoints: Tensor  # (21, 2) pixels
     confidence: Tensor  # (21,) zero where there is none
     landmarks: Tensor | None  # (21, 3) metres, camera axes, at the size of the average body
+    landmark_confidence: Tensor  # (21,)
     pixels_per_metre: float  # at the person's depth: turns pixel errors into lengths
 
 
@@ -96,7 +97,7 @@ class Energy:
         if self._uses_landmarks():
             squared = self._landmark_errors(posed).square().sum(-1)
             robust = _geman_mcclure(squared, config.landmark_robust_m)
-            terms["landmarks"] = self._landmark_weight() * robust @ self._seen.confidence
+            terms["landmarks"] = self._landmark_weight() * robust @ self._seen.landmark_confidence
         return terms
 
     def normal_equations(self, bodies: Bodies, posed: Posed) -> tuple[Tensor, Tensor]:
@@ -117,7 +118,7 @@ class Energy:
         if self._uses_landmarks():
             errors = self._landmark_errors(posed)
             robust = _geman_mcclure_weight(errors.square().sum(-1), config.landmark_robust_m)
-            weights = self._landmark_weight() * self._seen.confidence * robust
+            weights = self._landmark_weight() * self._seen.landmark_confidence * robust
             derivative = posed.derivative - posed.derivative[:, HIPS].mean(1, keepdim=True)
             inner = gradient[:, :-3], matrix[:, :-3, :-3]
             _accumulate(*inner, derivative, errors, weights)

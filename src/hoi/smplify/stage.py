@@ -90,7 +90,7 @@ class SmplifyStage:
             for pose in self._start_names
             for yaw in range(self._config.start_yaws)
         ]
-        landmarks = self._landmarks(detection, confidence)
+        landmarks = self._landmarks(detection)
         if landmarks is not None:
             first = landmark_start(landmarks, self._rest, num_betas)
             starts = Bodies(*(torch.cat(pair) for pair in zip(first, starts, strict=True)))
@@ -104,6 +104,7 @@ class SmplifyStage:
             keypoints=keypoints,
             confidence=confidence,
             landmarks=landmarks,
+            landmark_confidence=confidence.clamp(min=self._config.landmark_unseen_weight),
             pixels_per_metre=float(intrinsics[0, 0] / depth),
         )
         energy = Energy(
@@ -133,13 +134,13 @@ class SmplifyStage:
             )
         return table[:, :2], confidence
 
-    def _landmarks(self, detection: Detection, confidence: Tensor) -> Tensor | None:
+    def _landmarks(self, detection: Detection) -> Tensor | None:
         if detection.landmarks is None:
             return None
         landmarks = torch.as_tensor(np.asarray(detection.landmarks), dtype=torch.float64)
         if landmarks.shape != (21, 3) or not bool(landmarks.any()):
             return None
-        return scale_landmarks(landmarks, self._rest, confidence > 0)
+        return scale_landmarks(landmarks, self._rest)
 
     def _try_flips(self, energy: Energy, body: Bodies, value: Tensor) -> tuple[str, Bodies, Tensor]:
         """The best limb flip and its body and energy, or no name when none is better."""

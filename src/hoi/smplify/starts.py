@@ -21,14 +21,13 @@ _BONES = tuple(
 )
 
 
-def scale_landmarks(landmarks: Tensor, rest: Tensor, seen: Tensor) -> Tensor:
+def scale_landmarks(landmarks: Tensor, rest: Tensor) -> Tensor:
     """Landmarks (21, 3) centred between the hips and resized to the average body's limbs.
 
     Detectors' landmarks tell pose and not stature, and size cannot be seen in one image anyway.
     """
     hips = landmarks[[KEYPOINT["left_hip"], KEYPOINT["right_hip"]]].mean(0)
-    bones = [(a, b) for a, b in _BONES if seen[a] and seen[b]] or list(_BONES)
-    first, second = [a for a, _ in bones], [b for _, b in bones]
+    first, second = [a for a, _ in _BONES], [b for _, b in _BONES]
     have = (landmarks[first] - landmarks[second]).norm(dim=-1).sum()
     want = (rest[first] - rest[second]).norm(dim=-1).sum()
     return (landmarks - hips) * (want / have.clamp(min=1e-3))
