@@ -20,6 +20,7 @@ from hoi.artifacts import (
 from hoi.body import DEFAULT_BODY, BodyModel, part_vertices
 from hoi.exemplars import Exemplar
 from hoi.joint.config import JointConfig
+from hoi.joint.inputs import Inputs
 from hoi.joint.presets import PRESETS
 from hoi.joint.problem import BodyRegions, Problem, build_problem
 from hoi.rendering import depth_map
@@ -179,12 +180,14 @@ def method_config(name: str, **changes) -> JointConfig:
     return JointConfig(**(PRESETS[name] | quick | changes))
 
 
-def problem_of(
-    scene: Scene, config: JointConfig, action: str = "retrieved", seed: int = 0
-) -> Problem:
-    interaction = scene.prior.retrieved if action == "retrieved" else scene.prior.default
+def inputs_of(scene: Scene) -> Inputs:
+    return Inputs.gather(
+        scene.frame, scene.detection, scene.body, scene.objects, scene.prior, roi_margin=0.3
+    )
+
+
+def problem_of(scene: Scene, config: JointConfig, seed: int = 0) -> Problem:
+    interaction = scene.prior.retrieved
     assert interaction is not None
-    return build_problem(
-        config, scene.frame, scene.detection, scene.body, scene.objects, scene.prior, interaction,
-        scene.exemplars, body_regions(), seed,
-    )  # fmt: skip
+    regions = body_regions()
+    return build_problem(config, inputs_of(scene), interaction, scene.exemplars, regions, seed)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
-from hoi.artifacts import Detection, ObjectFit
-from hoi.errors import FrameFailure
 from hoi.joint.config import Schedule
 from hoi.joint.optimise import Evaluated, Objective, adam, best_depth, lbfgs, minimise
 from hoi.joint.problem import choose_hypotheses
@@ -18,8 +18,8 @@ from joint_scene import (
     CUBE,
     CUBE_FACES,
     HEIGHT,
-    INTRINSICS,
     WIDTH,
+    inputs_of,
     method_config,
     problem_of,
     sitting_scene,
@@ -50,6 +50,7 @@ def rosenbrock(x: torch.Tensor) -> torch.Tensor:
     return (1 - x[:, 0]).square() + 5 * (x[:, 1] - x[:, 0].square()).square()
 
 
+REGION = Roi(240, 160, 160)
 STARTS = torch.tensor([[-0.5, 0.5], [0.3, -0.4], [1.5, 1.0]])
 
 
@@ -116,15 +117,8 @@ def test_contact_pulls_the_chair_to_the_right_depth(name, within):
 
 def test_hypotheses_keep_their_rank_and_no_exemplar_fills_the_list():
     names = ["a", "a", "b", "a", "c", "b"]
-    fit = ObjectFit(
-        frame_id="f", exemplars=names, rotations=np.tile(np.eye(3), (6, 1, 1)),
-        translations=np.ones((6, 3)), ious=np.ones(6),
-    )  # fmt: skip
-    assert choose_hypotheses(fit, most=10, poses_per_exemplar=1) == [0, 2, 4]
-    assert choose_hypotheses(fit, most=3, poses_per_exemplar=2) == [0, 1, 2]
-    empty = fit.model_copy(update={"exemplars": []})
-    with pytest.raises(FrameFailure, match="no_object_pose"):
-        choose_hypotheses(empty, 10, 2)
+    assert choose_hypotheses(names, most=10, poses_per_exemplar=1) == [0, 2, 4]
+    assert choose_hypotheses(names, most=3, poses_per_exemplar=2) == [0, 1, 2]
 
 
 def test_selection_adds_the_order_violation_to_the_loss():
@@ -145,22 +139,13 @@ def test_an_object_behind_the_person_it_hides_violates_the_order(object_depth, e
     person = CUBE * [1, 1, 0.2] + [0, 0, 3.0]
     mask = np.zeros((HEIGHT, WIDTH), bool)
     mask[180:300, 260:380] = True
-    detection = Detection(
-        frame_id="f", person_box=np.zeros(4), object_box=np.zeros(4), person_mask=~mask,
-        object_mask=mask, keypoints=np.zeros((21, 3)),
-    )  # fmt: skip
-    found = occlusion_order_violation(
-        [thing], [CUBE_FACES], [person], CUBE_FACES, detection, INTRINSICS, Roi(240, 160, 160), 64,
-        0.02,
-    )  # fmt: skip
+    inputs = replace(inputs_of(sitting_scene()), object_mask=mask, person_mask=~mask, roi=REGION)
+    found = occlusion_order_violation([thing], [CUBE_FACES], [person], CUBE_FACES, inputs, 64, 0.02)
     assert found[0] == pytest.approx(expected, abs=0.05)
 
 
 def test_an_object_out_of_sight_counts_as_a_full_violation():
-    detection = sitting_scene().detection
-    aside = CUBE * 0.2 + [50, 0, 3.0]
-    found = occlusion_order_violation(
-        [aside], [CUBE_FACES], [CUBE + [0, 0, 3.0]], CUBE_FACES, detection, INTRINSICS,
-        Roi(240, 160, 160), 64, 0.02,
-    )  # fmt: skip
+    inputs = replace(inputs_of(sitting_scene()), roi=REGION)
+    aside, person = CUBE * 0.2 + [50, 0, 3.0], CUBE + [0, 0, 3.0]
+    found = occlusion_order_violation([aside], [CUBE_FACES], [person], CUBE_FACES, inputs, 64, 0.02)
     assert found.tolist() == [1.0]

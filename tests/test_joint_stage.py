@@ -81,6 +81,19 @@ def test_trouble_with_one_frame_is_a_frame_failure(library):
     with pytest.raises(FrameFailure, match="no_prior"):
         run(scene, library, method_config("ours"))
     scene = sitting_scene()
+    fitted = scene.objects
+    scene.objects = fitted.model_copy(update={"exemplars": []})
+    with pytest.raises(FrameFailure, match="no_object_pose"):
+        run(scene, library, method_config("ours"))
+    scene.objects = fitted
+    small = scene.detection.person_mask[::2, ::2]
+    scene.detection, given = (
+        scene.detection.model_copy(update={"person_mask": small}),
+        scene.detection,
+    )
+    with pytest.raises(FrameFailure, match="mask_size_mismatch"):
+        run(scene, library, method_config("ours"))
+    scene.detection = given
     behind = scene.objects.translations * [1, 1, -1]
     scene.objects = scene.objects.model_copy(update={"translations": behind})
     with pytest.raises(FrameFailure, match="joint_diverged"):

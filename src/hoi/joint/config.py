@@ -30,62 +30,78 @@ class Schedule(Settings):
     """How the loss is minimised. Parameters: rotation (6D), translation, log scales."""
 
     optimiser: Literal["adam", "lbfgs"] = "adam"
-    iterations: PositiveInt = Field(500, description="[3.4] 500")
-    learning_rate: PositiveFloat = Field(2e-3, description="[3.4] Adam 2e-3; lbfgs ignores it")
-    decay: bool = Field(False, description="lower the learning rate linearly to a twentieth")
-    depth_grid: int = Field(
-        0, ge=0, description="scales tried before the first step; 0: start at the size prior"
+    iterations: PositiveInt = Field(default=500, description="[3.4] 500")
+    learning_rate: PositiveFloat = Field(
+        default=2e-3, description="[3.4] Adam 2e-3; lbfgs ignores it"
     )
-    depth_grid_range: PositiveFloat = Field(0.35, description="the grid spans exp(-r)..exp(r)")
+    decay: bool = Field(
+        default=False, description="lower the learning rate linearly to a twentieth"
+    )
+    depth_grid: int = Field(
+        default=0,
+        ge=0,
+        description="scales tried before the first step; 0: start at the size prior",
+    )
+    depth_grid_range: PositiveFloat = Field(
+        default=0.35, description="the grid spans exp(-r)..exp(r)"
+    )
 
 
 class ContactRule(Settings):
     """How the interaction map becomes pairs of point sets. Not given by the paper's text."""
 
     two_hands_from: PositiveFloat = Field(
-        1.6,
+        default=1.6,
         description="both of a pair (hands, feet) must touch when the expected number of touching "
         "ones, sum over object parts of probability x (1 either, 1.5 unsaid, 2 both), reaches this",
     )
     likely_part: float = Field(
-        0.5,
+        default=0.5,
         ge=0,
         le=1,
         description="a hand may touch the object parts with at least this share of the most "
         "probable part's probability",
     )
     support_parts: tuple[str, ...] = Field(
-        ("butt", "left_thigh", "right_thigh", "lap"),
+        default=("butt", "left_thigh", "right_thigh", "lap"),
         description="regions that rest their weight on the object: pulled both ways",
     )
     support_weight: float = 1.0
     support_reverse_weight: float = 0.25
-    leaning_weight: float = Field(0.5, description="weight of every other large region")
+    leaning_weight: float = Field(default=0.5, description="weight of every other large region")
 
 
 class Phosa(Settings):
     """Numbers of the PHOSA baseline (Zhang et al., ECCV 2020), besides its term weights."""
 
-    box_expansion: float = Field(0.3, ge=0, description="boxes grow by this share before overlap")
-    depth_gap: PositiveFloat = Field(
-        2.0, description="parts interact when their depth ranges are nearer than this, metres"
+    box_expansion: float = Field(
+        default=0.3, ge=0, description="boxes grow by this share before overlap"
     )
-    depth_clamp: PositiveFloat = Field(2.0, description="ordinal depth: violations count to here")
-    depth_resolution: PositiveInt = Field(96, description="ordinal depth: pixels of the ROI's side")
+    depth_gap: PositiveFloat = Field(
+        default=2.0,
+        description="parts interact when their depth ranges are nearer than this, metres",
+    )
+    depth_clamp: PositiveFloat = Field(
+        default=2.0, description="ordinal depth: violations count to here"
+    )
+    depth_resolution: PositiveInt = Field(
+        default=96, description="ordinal depth: pixels of the ROI's side"
+    )
     image_size: PositiveInt = Field(
-        640, description="longest image side at which PHOSA counts ordinal-depth pixels"
+        default=640, description="longest image side at which PHOSA counts ordinal-depth pixels"
     )
 
 
 class JointConfig(Settings):
     """Configuration of the joint stage; `hoi.joint.presets` has one set per method."""
 
-    method: str = Field("ours", description="name of the method in the tables")
+    method: str = Field(default="ours", description="name of the method in the tables")
     action: Literal["retrieved", "default"] = Field(
-        "retrieved", description="default: ConceptNet's heaviest action, the 'No action' ablation"
+        default="retrieved",
+        description="default: ConceptNet's heaviest action, the 'No action' ablation",
     )
     terms: dict[TermName, float] = Field(
-        {
+        default={
             "contact": 1.0,
             "normal": 0.01,
             "penetration": 0.01,
@@ -97,12 +113,12 @@ class JointConfig(Settings):
         "penetration .01, object_scale and human_scale .01, reprojection .0005",
     )
     contact: Literal["paper", "recipe"] = Field(
-        "recipe",
+        default="recipe",
         description="paper: every listed pair, object part to body part [3.4]; recipe: body part "
         "to the nearest of the parts it may touch",
     )
-    opposing_normals: bool = Field(True, description="[3.4] only opposing surfaces touch")
-    human_scale: Literal["fixed", "free"] = Field("fixed", description="[3.4] free")
+    opposing_normals: bool = Field(default=True, description="[3.4] only opposing surfaces touch")
+    human_scale: Literal["fixed", "free"] = Field(default="fixed", description="[3.4] free")
     schedule: Literal["fast", "paper"] = "fast"
     fast: Schedule = Schedule(
         optimiser="lbfgs", iterations=40, learning_rate=1e-2, decay=True, depth_grid=29
@@ -110,31 +126,50 @@ class JointConfig(Settings):
     paper: Schedule = Schedule()
     contact_rule: ContactRule = ContactRule()
     phosa: Phosa = Phosa()
-    max_hypotheses: PositiveInt = Field(10, description="object poses taken from the object fit")
-    poses_per_exemplar: PositiveInt = Field(2, description="... and at most so many per exemplar")
-    part_points: PositiveInt = Field(96, description="points sampled on an object or body part")
-    surface_points: PositiveInt = Field(400, description="points that penetration looks at")
-    paper_points: PositiveInt = Field(
-        1000, description="[3.5] vertices per object: penetration sums over so many"
+    max_hypotheses: PositiveInt = Field(
+        default=10, description="object poses taken from the object fit"
     )
-    sdf_grid: int = Field(32, ge=2, description="[3.4] 8 cells a side; 32 costs 0.2 s")
-    sdf_margin: float = Field(0.08, ge=0, description="metres around the body covered by the grid")
-    silhouette_resolution: PositiveInt = Field(128, description="pixels of the ROI's side")
+    poses_per_exemplar: PositiveInt = Field(
+        default=2, description="... and at most so many per exemplar"
+    )
+    part_points: PositiveInt = Field(
+        default=96, description="points sampled on an object or body part"
+    )
+    surface_points: PositiveInt = Field(default=400, description="points that penetration looks at")
+    paper_points: PositiveInt = Field(
+        default=1000, description="[3.5] vertices per object: penetration sums over so many"
+    )
+    sdf_grid: int = Field(default=32, ge=2, description="[3.4] 8 cells a side; 32 costs 0.2 s")
+    sdf_margin: float = Field(
+        default=0.08, ge=0, description="metres around the body covered by the grid"
+    )
+    silhouette_resolution: PositiveInt = Field(default=128, description="pixels of the ROI's side")
     keep_threshold: float = Field(
-        0.25, ge=0, le=1, description="cells covered by the person more than this are ignored"
+        default=0.25,
+        ge=0,
+        le=1,
+        description="cells covered by the person more than this are ignored",
     )
     weights_resolution: PositiveInt = Field(
-        256, description="resolution for which the reprojection weight is meant"
+        default=256, description="resolution for which the reprojection weight is meant"
     )
-    edge_weight: float = Field(0.2, ge=0, description="boundary term inside reprojection")
-    roi_margin: float = Field(1.5, ge=1, description="used when the object fit names no region")
+    edge_weight: float = Field(default=0.2, ge=0, description="boundary term inside reprojection")
+    roi_margin: float = Field(
+        default=0.3,
+        ge=0,
+        description="share around the mask, used when the object fit names no region",
+    )
     order_weight: float = Field(
-        1.0, ge=0, description="selection: weight of the occlusion-order violation; 0: loss alone"
+        default=1.0,
+        ge=0,
+        description="selection: weight of the occlusion-order violation; 0: loss alone",
     )
-    order_resolution: PositiveInt = Field(64, description="selection: z-buffer pixels")
-    order_tolerance: float = Field(0.02, ge=0, description="metres by which an order must be wrong")
+    order_resolution: PositiveInt = Field(default=64, description="selection: z-buffer pixels")
+    order_tolerance: float = Field(
+        default=0.02, ge=0, description="metres by which an order must be wrong"
+    )
     touch_distance: PositiveFloat = Field(
-        0.05, description="report: contact fades from 1 at 0 to 0 at this distance, metres"
+        default=0.05, description="report: contact fades from 1 at 0 to 0 at this distance, metres"
     )
 
     @model_validator(mode="after")

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from hoi.joint.config import Schedule
+from hoi.joint.config import Schedule, TermName
 from hoi.joint.problem import Problem
 from hoi.joint.terms import SCALE_BLIND, weighted_terms
 
@@ -48,7 +48,7 @@ class Optimum:
     curves: Tensor
 
 
-def objective_of(problem: Problem, terms: Mapping[str, float]) -> Objective:
+def objective_of(problem: Problem, terms: Mapping[TermName, float]) -> Objective:
     """The objective of a method on one frame, with its gradient."""
 
     def evaluate(variables: Tensor) -> Evaluated:
@@ -67,7 +67,7 @@ def _finite(terms: Tensor, gradient: Tensor) -> Evaluated:
     return Evaluated(total, torch.where(good[:, None], gradient, 0.0), terms)
 
 
-def minimise(problem: Problem, terms: Mapping[str, float], schedule: Schedule) -> Optimum:
+def minimise(problem: Problem, terms: Mapping[TermName, float], schedule: Schedule) -> Optimum:
     """Depth grid, then the schedule's optimiser, from `problem.start`."""
     start = problem.start
     if schedule.depth_grid > 1:
@@ -77,13 +77,17 @@ def minimise(problem: Problem, terms: Mapping[str, float], schedule: Schedule) -
     return run(objective, start, schedule)
 
 
-def best_depth(problem: Problem, terms: Mapping[str, float], steps: int, span: float) -> Tensor:
+def best_depth(
+    problem: Problem, terms: Mapping[TermName, float], steps: int, span: float
+) -> Tensor:
     """Variables (K, D) with the log scale of the lowest loss among `steps` within +-`span`.
 
     Scaling about the camera centre moves no pixel, so this is a search along the viewing ray, and
     the silhouette terms need not be computed.
     """
-    seen = {name: weight for name, weight in terms.items() if name not in SCALE_BLIND}
+    seen: dict[TermName, float] = {
+        name: weight for name, weight in terms.items() if name not in SCALE_BLIND
+    }
     if not seen:
         return problem.start
     offsets = torch.linspace(-span, span, steps)

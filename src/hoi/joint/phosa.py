@@ -17,9 +17,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from hoi.artifacts import BodyFit, Detection, Frame, Prior
-from hoi.joint.config import JointConfig
-from hoi.rendering import Roi, crop_mask, depth_map, intrinsics_for
+from hoi.geometry import project
+from hoi.joint.config import JointConfig, Phosa
+from hoi.joint.inputs import Inputs
+from hoi.rendering import crop_mask, depth_map, intrinsics_for
 
 if TYPE_CHECKING:
     from hoi.joint.problem import BodyRegions
@@ -89,22 +90,14 @@ class OrdinalScene:
     clamp: float
 
 
-def phosa_scene(
-    config: JointConfig,
-    frame: Frame,
-    detection: Detection,
-    body: BodyFit,
-    prior: Prior,
-    regions: BodyRegions,
-    roi: Roi,
-) -> PhosaScene | None:
+def phosa_scene(config: JointConfig, inputs: Inputs, regions: BodyRegions) -> PhosaScene | None:
     """The baseline's constants; None when the method lists none of its terms."""
     if not any(name.startswith("phosa_") for name in config.terms):
         return None
-    settings, intrinsics = config.phosa, frame.intrinsics
+    body, intrinsics = inputs.body_vertices, inputs.intrinsics
 
     def part(object_part: str, points: np.ndarray) -> PhosaPart:
-        pixels = points[:, :2] / points[:, 2:] * intrinsics[[0, 1], [0, 1]] + intrinsics[:2, 2]
+        pixels = project(points, intrinsics)
         return PhosaPart(
             object_part,
             torch.from_numpy(points.mean(0)).float(),
@@ -112,29 +105,33 @@ def phosa_scene(
             torch.tensor([float(points[:, 2].min()), float(points[:, 2].max())]),
         )
 
-    pairs = PART_PAIRS.get(prior.category or frame.category, ())
-    resolution = settings.depth_resolution
-    roi_intrinsics = intrinsics_for(roi, intrinsics, resolution)
-    depth = depth_map(body.vertices, regions.faces, roi_intrinsics, resolution, resolution)
-    thing = crop_mask(detection.object_mask, roi, resolution) > 0.5
-    person = crop_mask(detection.person_mask, roi, resolution) > 0.5
-    cell = roi.side / resolution * settings.image_size / max(frame.image.shape[:2])
     return PhosaScene(
-        whole=part("", body.vertices),
+        whole=part("", body),
         parts=tuple(
-            part(object_part, body.vertices[_union(regions, names)]) for object_part, names in pairs
+            part(object_part, body[_union(regions, names)])
+            for object_part, names in PART_PAIRS.get(inputs.category, ())
         ),
         intrinsics=intrinsics,
-        ordinal=OrdinalScene(
-            intrinsics=roi_intrinsics,
-            body_depth=torch.from_numpy(depth),
-            object_front=torch.from_numpy(thing & ~person),
-            body_front=torch.from_numpy(person & ~thing),
-            pixel_weight=cell**2,
-            clamp=settings.depth_clamp,
-        ),
-        expansion=settings.box_expansion,
-        depth_gap=settings.depth_gap,
+        ordinal=_ordinal_scene(config.phosa, inputs, regions.faces),
+        expansion=config.phosa.box_expansion,
+        depth_gap=config.phosa.depth_gap,
+    )
+
+
+def _ordinal_scene(settings: Phosa, inputs: Inputs, body_faces: np.ndarray) -> OrdinalScene:
+    roi, resolution = inputs.roi, settings.depth_resolution
+    intrinsics = intrinsics_for(roi, inputs.intrinsics, resolution)
+    depth = depth_map(inputs.body_vertices, body_faces, intrinsics, resolution, resolution)
+    thing = crop_mask(inputs.object_mask, roi, resolution) > 0.5
+    person = crop_mask(inputs.person_mask, roi, resolution) > 0.5
+    cell = roi.side / resolution * settings.image_size / max(inputs.object_mask.shape)
+    return OrdinalScene(
+        intrinsics=intrinsics,
+        body_depth=torch.from_numpy(depth),
+        object_front=torch.from_numpy(thing & ~person),
+        body_front=torch.from_numpy(person & ~thing),
+        pixel_weight=cell**2,
+        clamp=settings.depth_clamp,
     )
 
 

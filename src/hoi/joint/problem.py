@@ -9,16 +9,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from hoi.artifacts import BodyFit, Detection, Frame, Interaction, ObjectFit, Prior
+from hoi.artifacts import Interaction
 from hoi.errors import FrameFailure
 from hoi.exemplars import Exemplar, sample_parts
 from hoi.geometry import matrix_to_rotation_6d
 from hoi.joint.config import JointConfig
-from hoi.joint.contacts import paper_pairs, recipe_pairs, usable_contacts
+from hoi.joint.contacts import ContactPair, paper_pairs, recipe_pairs, usable_contacts
 from hoi.joint.correspondence import PairTable, pair_table
+from hoi.joint.inputs import Inputs
 from hoi.joint.phosa import PhosaScene, phosa_scene
 from hoi.joint.signed_distance import SignedDistanceGrid, body_signed_distance
-from hoi.rendering import MeshTopology, Roi, SilhouetteTarget, crop_mask, intrinsics_for
+from hoi.rendering import MeshTopology, SilhouetteTarget, crop_mask, intrinsics_for
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,6 @@ class BodyGeometry:
     `points`, `normals` (B, 3); `slices`: region -> rows. `soles` (S, 3) vertices of both feet.
     """
 
-    vertices: Tensor
     points: Tensor
     normals: Tensor
     slices: dict[str, np.ndarray]
@@ -85,7 +85,6 @@ class Problem:
     target: SilhouetteTarget
     edge_weight: float
     pixel_weight: float
-    roi: Roi
     stands_on_floor: bool
     up: Tensor
     penetration_points: int
@@ -122,76 +121,72 @@ class BodyRegions:
         return _sample_triangles(vertices[self.part_faces[region]], count, rng)
 
 
-def choose_hypotheses(objects: ObjectFit, most: int, poses_per_exemplar: int) -> list[int]:
+def choose_hypotheses(exemplars: Sequence[str], most: int, poses_per_exemplar: int) -> list[int]:
     """Indices of the best poses, at most so many of one exemplar, in their order of rank."""
     taken: dict[str, int] = {}
     chosen = []
-    for index, name in enumerate(objects.exemplars or []):
+    for index, name in enumerate(exemplars):
         if taken.get(name, 0) < poses_per_exemplar and len(chosen) < most:
             taken[name] = taken.get(name, 0) + 1
             chosen.append(index)
-    if not chosen:
-        raise FrameFailure("no_object_pose", "the object fit holds no pose to start from")
     return chosen
 
 
 def build_problem(
     config: JointConfig,
-    frame: Frame,
-    detection: Detection,
-    body: BodyFit,
-    objects: ObjectFit,
-    prior: Prior,
+    inputs: Inputs,
     interaction: Interaction,
     library: Sequence[Exemplar],
     regions: BodyRegions,
     seed: int,
 ) -> Problem:
-    """Gather one frame. Raises FrameFailure when the frame gives nothing to optimise."""
-    rng = np.random.default_rng(seed)
-    chosen = choose_hypotheses(objects, config.max_hypotheses, config.poses_per_exemplar)
-    exemplars = _exemplars([objects.exemplars[i] for i in chosen], library, objects.category)
-    geometry = _object_geometry(exemplars, config, prior.size_axis, seed)
-    contacts, skipped = usable_contacts(interaction.contacts, geometry.part_slices, regions.names)
-    pairs = (
-        paper_pairs(contacts)
-        if config.contact == "paper"
-        else recipe_pairs(contacts, config.contact_rule)
-    )
-    used_regions = {name for pair in pairs for name in pair.body_parts}
-    if "contact" not in config.terms and "normal" not in config.terms:
-        pairs, used_regions = [], set()
-    body_geometry = _body_geometry(body, regions, sorted(used_regions), config, rng)
-    roi = _roi(objects, detection, config.roi_margin)
+    """Gather one frame. Raises FrameFailure when the library lacks an exemplar of the fit."""
+    chosen = choose_hypotheses(inputs.exemplars, config.max_hypotheses, config.poses_per_exemplar)
+    exemplars = _exemplars([inputs.exemplars[i] for i in chosen], library, inputs.category)
+    geometry = _object_geometry(exemplars, config, inputs.size_axis, seed)
+    pairs, skipped = _contact_pairs(config, interaction, geometry, regions)
+    body = _body_geometry(inputs.body_vertices, regions, pairs, config, seed)
+    roi, resolution = inputs.roi, config.silhouette_resolution
     return Problem(
-        start=_start(objects, chosen, geometry.extent, float(prior.size_m)),
+        start=_start(inputs, chosen, geometry.extent),
         object=geometry,
-        body=body_geometry,
-        contacts=pair_table(pairs, geometry.part_slices, body_geometry.slices),
+        body=body,
+        contacts=pair_table(pairs, geometry.part_slices, body.slices),
         only_opposing=config.opposing_normals,
         opposing_first=config.contact == "recipe",
-        size=float(prior.size_m),
+        size=inputs.size,
         human_scale_free=config.human_scale == "free",
-        intrinsics=torch.from_numpy(
-            intrinsics_for(roi, frame.intrinsics, config.silhouette_resolution)
-        ),
-        target=_target(detection, roi, config.silhouette_resolution, config.keep_threshold),
+        intrinsics=torch.from_numpy(intrinsics_for(roi, inputs.intrinsics, resolution)),
+        target=_target(inputs, resolution, config.keep_threshold),
         edge_weight=config.edge_weight,
-        pixel_weight=(config.weights_resolution / config.silhouette_resolution) ** 2,
-        roi=roi,
+        pixel_weight=(config.weights_resolution / resolution) ** 2,
         stands_on_floor=interaction.stands_on_floor,
         up=torch.tensor([0.0, -1.0, 0.0]),
         penetration_points=config.paper_points,
-        phosa=phosa_scene(config, frame, detection, body, prior, regions, roi),
-        skipped=tuple(skipped + _missing_parts(pairs, geometry)),
+        phosa=phosa_scene(config, inputs, regions),
+        skipped=tuple(skipped),
     )
 
 
-def _start(objects: ObjectFit, chosen: list[int], extent: Tensor, size: float) -> Tensor:
+def _contact_pairs(
+    config: JointConfig, interaction: Interaction, geometry: ObjectGeometry, regions: BodyRegions
+) -> tuple[list[ContactPair], list[str]]:
+    """Pairs of the method's rule, and one sentence for everything that could not be used."""
+    if "contact" not in config.terms and "normal" not in config.terms:
+        return [], []
+    contacts, skipped = usable_contacts(interaction.contacts, geometry.part_slices, regions.names)
+    if config.contact == "paper":
+        pairs = paper_pairs(contacts)
+    else:
+        pairs = recipe_pairs(contacts, config.contact_rule)
+    return pairs, skipped + _missing_parts(pairs, geometry)
+
+
+def _start(inputs: Inputs, chosen: list[int], extent: Tensor) -> Tensor:
     """Poses of the object fit, scaled about the camera centre to the prior's size."""
-    rotations = torch.from_numpy(objects.rotations[chosen]).float()
-    translations = torch.from_numpy(objects.translations[chosen]).float()
-    log_scale = torch.log(size / extent)[:, None]
+    rotations = torch.from_numpy(inputs.rotations[chosen]).float()
+    translations = torch.from_numpy(inputs.translations[chosen]).float()
+    log_scale = torch.log(inputs.size / extent)[:, None]
     parts = [matrix_to_rotation_6d(rotations), translations, log_scale, torch.zeros_like(log_scale)]
     return torch.cat(parts, 1)
 
@@ -275,25 +270,22 @@ def _sample_triangles(
 
 
 def _body_geometry(
-    body: BodyFit,
+    vertices: np.ndarray,
     regions: BodyRegions,
-    used: list[str],
+    pairs: Sequence[ContactPair],
     config: JointConfig,
-    rng: np.random.Generator,
+    seed: int,
 ) -> BodyGeometry:
-    vertices = body.vertices
-    count = config.part_points
+    rng, count = np.random.default_rng(seed), config.part_points
+    used = sorted({name for pair in pairs for name in pair.body_parts})
     samples = [regions.sample(vertices, name, count, rng) for name in used]
     empty = [np.zeros((0, 3), np.float32)]
     feet = [regions.vertices[name] for name in ("left_foot", "right_foot")]
-    needs_field = "penetration" in config.terms
-    field = (
-        body_signed_distance(vertices, regions.faces, config.sdf_grid, config.sdf_margin)
-        if needs_field
-        else None
-    )
+    field = None
+    if "penetration" in config.terms:
+        grid = config.sdf_grid
+        field = body_signed_distance(vertices, regions.faces, grid, config.sdf_margin)
     return BodyGeometry(
-        vertices=torch.from_numpy(vertices),
         points=torch.from_numpy(np.concatenate([p for p, _ in samples] or empty)),
         normals=torch.from_numpy(np.concatenate([n for _, n in samples] or empty)),
         slices={name: np.arange(i * count, (i + 1) * count) for i, name in enumerate(used)},
@@ -302,28 +294,16 @@ def _body_geometry(
     )
 
 
-def _roi(objects: ObjectFit, detection: Detection, margin: float) -> Roi:
-    if objects.roi is not None:
-        return Roi(*(float(value) for value in objects.roi))
-    rows, columns = np.nonzero(detection.object_mask)
-    if not len(rows):
-        raise FrameFailure("empty_object_mask", "the object mask has no pixel")
-    box = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
-    return Roi.around(box, (margin - 1) / 2)
-
-
-def _target(
-    detection: Detection, roi: Roi, resolution: int, keep_threshold: float
-) -> SilhouetteTarget:
+def _target(inputs: Inputs, resolution: int, keep_threshold: float) -> SilhouetteTarget:
     """Coverage of the object's mask; cells under the person or off the photo say nothing."""
-    person = detection.person_mask & ~detection.object_mask
-    known = crop_mask(~person, roi, resolution)
-    covered = crop_mask(detection.object_mask, roi, resolution)
+    person = inputs.person_mask & ~inputs.object_mask
+    known = crop_mask(~person, inputs.roi, resolution)
+    covered = crop_mask(inputs.object_mask, inputs.roi, resolution)
     keep = np.where(known >= 1 - keep_threshold, known, 0)
     return SilhouetteTarget(covered / np.maximum(known, 1e-6), keep)
 
 
-def _missing_parts(pairs, geometry: ObjectGeometry) -> list[str]:
+def _missing_parts(pairs: Sequence[ContactPair], geometry: ObjectGeometry) -> list[str]:
     """One sentence for each exemplar that lacks every object part of a pair."""
     notes = []
     for pair in pairs:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from hoi.artifacts import Detection
-from hoi.rendering import Roi, crop_mask, depth_map, intrinsics_for
+from hoi.joint.inputs import Inputs
+from hoi.rendering import crop_mask, depth_map, intrinsics_for
 
 
 def occlusion_order_violation(
@@ -13,9 +13,7 @@ def occlusion_order_violation(
     object_faces: list[np.ndarray],
     body_vertices: list[np.ndarray],
     body_faces: np.ndarray,
-    detection: Detection,
-    intrinsics: np.ndarray,
-    roi: Roi,
+    inputs: Inputs,
     resolution: int,
     tolerance: float,
 ) -> np.ndarray:
@@ -26,14 +24,14 @@ def occlusion_order_violation(
 
     Args:
         object_vertices, object_faces, body_vertices: one array per hypothesis, camera frame.
-        intrinsics: (3, 3) of the photo; roi, resolution: where and how finely to look.
+        inputs: camera, masks and region of the frame; resolution: pixels of the region's side.
 
     Returns:
         (K,) in 0..1; 1 for an object that cannot be seen in the region.
     """
-    crop = intrinsics_for(roi, intrinsics, resolution)
-    thing = crop_mask(detection.object_mask, roi, resolution) > 0.5
-    person = crop_mask(detection.person_mask, roi, resolution) > 0.5
+    crop = intrinsics_for(inputs.roi, inputs.intrinsics, resolution)
+    thing = crop_mask(inputs.object_mask, inputs.roi, resolution) > 0.5
+    person = crop_mask(inputs.person_mask, inputs.roi, resolution) > 0.5
     violations = []
     for vertices, faces, body in zip(object_vertices, object_faces, body_vertices, strict=True):
         of_object = depth_map(vertices, faces, crop, resolution, resolution)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -40,19 +41,33 @@ def body_signed_distance(
     Args:
         vertices: (V, 3) metres. faces: (F, 3).
     """
-    import open3d
-
     lower, upper = vertices.min(0) - margin, vertices.max(0) + margin
     axes = [np.linspace(lower[i], upper[i], cells) for i in range(3)]
-    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), -1).astype(np.float32)
-    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        open3d.core.Tensor(np.ascontiguousarray(vertices, np.float32)),
-        open3d.core.Tensor(np.ascontiguousarray(faces, np.uint32)),
-    )
-    values = scene.compute_signed_distance(open3d.core.Tensor(nodes), nthreads=1).numpy()
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
+    scene, points = _ray_scene(vertices, faces), _tensor(nodes, np.float32)
+    values = scene.compute_signed_distance(points, nthreads=1).numpy()
     return SignedDistanceGrid(
-        torch.from_numpy(values.reshape(cells, cells, cells).copy()),
+        torch.from_numpy(values.copy()),
         torch.from_numpy(lower.astype(np.float32)),
         torch.from_numpy(upper.astype(np.float32)),
     )
+
+
+def surface_distance(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Unsigned distance (N,) in metres of points (N, 3) to a mesh that need not be closed."""
+    scene = _ray_scene(vertices, faces)
+    return scene.compute_distance(_tensor(points, np.float32), nthreads=1).numpy()
+
+
+def _ray_scene(vertices: np.ndarray, faces: np.ndarray) -> Any:
+    import open3d
+
+    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(_tensor(vertices, np.float32), _tensor(faces, np.uint32))
+    return scene
+
+
+def _tensor(values: np.ndarray, dtype: type) -> Any:
+    import open3d
+
+    return open3d.core.Tensor.from_numpy(np.ascontiguousarray(values, dtype))

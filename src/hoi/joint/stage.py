@@ -13,9 +13,11 @@ from hoi.errors import ConfigError, FrameFailure
 from hoi.exemplars import Exemplar, load_library
 from hoi.geometry import rotation_6d_to_matrix
 from hoi.joint.config import JointConfig
+from hoi.joint.inputs import Inputs
 from hoi.joint.optimise import Optimum, minimise
 from hoi.joint.problem import BodyRegions, Problem, build_problem
 from hoi.joint.select import choose, occlusion_order_violation, rule_text
+from hoi.joint.signed_distance import surface_distance
 from hoi.joint.terms import Placement
 
 
@@ -55,12 +57,11 @@ class JointStage:
         interaction = prior.retrieved if config.action == "retrieved" else prior.default
         if interaction is None:
             raise FrameFailure("no_prior", f"the prior holds no {config.action} interaction")
-        problem = build_problem(
-            config, frame, detection, body, objects, prior, interaction,
-            self._library(objects.category or frame.category), self.regions, seed,
-        )  # fmt: skip
+        inputs = Inputs.gather(frame, detection, body, objects, prior, config.roi_margin)
+        library = self._library(inputs.category)
+        problem = build_problem(config, inputs, interaction, library, self.regions, seed)
         optimum = minimise(problem, config.terms, config.chosen_schedule)
-        return self._result(frame, detection, body, interaction.action, problem, optimum)
+        return self._result(frame.frame_id, interaction.action, inputs, problem, optimum)
 
     def _library(self, category: str) -> list[Exemplar]:
         if category not in self._libraries:
@@ -68,47 +69,35 @@ class JointStage:
         return self._libraries[category]
 
     def _result(
-        self,
-        frame: Frame,
-        detection: Detection,
-        body: BodyFit,
-        action: str,
-        problem: Problem,
-        optimum: Optimum,
+        self, frame_id: str, action: str, inputs: Inputs, problem: Problem, optimum: Optimum
     ) -> Joint:
-        config = self.config
+        """Choose a hypothesis and write it down."""
+        config, exemplars = self.config, problem.object.exemplars
         with torch.no_grad():
             placement = Placement(problem, optimum.variables)
-            iou = placement.silhouette[1].numpy().astype(np.float64)
+            seen = placement.silhouette[1].double()
             vertices = placement.vertices.numpy()
-            human_scale = placement.human_scale.numpy().astype(np.float64)
-        exemplars = problem.object.exemplars
+            human_scale = placement.human_scale.double().numpy()
         objects = [v[: len(e.vertices)] for v, e in zip(vertices, exemplars, strict=True)]
-        total = optimum.total.numpy().astype(np.float64)
+        bodies = [scale * inputs.body_vertices for scale in human_scale]
         # nothing behind the camera can explain a picture
-        total = np.where([v[:, 2].min() > 0 for v in objects], total, np.inf)
+        before = torch.tensor([bool(v[:, 2].min() > 0) for v in objects])
+        total = torch.where(before, optimum.total, torch.inf).double().numpy()
         violation = occlusion_order_violation(
-            objects,
-            [e.faces for e in exemplars],
-            [scale * body.vertices for scale in human_scale],
-            self.regions.faces,
-            detection,
-            frame.intrinsics,
-            problem.roi,
-            config.order_resolution,
-            config.order_tolerance,
-        )
+            objects, [e.faces for e in exemplars], bodies, self.regions.faces, inputs,
+            config.order_resolution, config.order_tolerance,
+        )  # fmt: skip
         try:
             k = choose(total, violation, config.order_weight)
         except ValueError as error:
             raise FrameFailure("joint_diverged", str(error)) from error
-        names = list(config.terms)
-        terms = dict(zip(names, optimum.terms.double().tolist(), strict=True))
-        curves = optimum.curves[:, :, k].double()
         rotation, translation, scale = _similarity(optimum.variables[k])
-        scaled_body = human_scale[k] * body.vertices
+        faces, names = exemplars[k].faces, list(config.terms)
+        terms = {name: _listed(optimum.terms[i]) for i, name in enumerate(names)}
+        terms |= {"total": _listed(total), "order_violation": _listed(violation)}
+        terms |= {"iou": _listed(seen), "object_scale_factor": _listed(placement.scale)}
         return Joint(
-            frame_id=frame.frame_id,
+            frame_id=frame_id,
             detail="; ".join(problem.skipped),
             method=config.method,
             exemplar=exemplars[k].name,
@@ -118,24 +107,16 @@ class JointStage:
             object_scale=scale,
             human_scale=float(human_scale[k]),
             object_vertices=objects[k],
-            object_faces=exemplars[k].faces,
-            body_vertices=scaled_body,
-            body_joints=human_scale[k] * body.joints,
-            body_model=body.body_model,
-            contact_vertices=touching(
-                scaled_body, objects[k], exemplars[k].faces, config.touch_distance
-            ),
+            object_faces=faces,
+            body_vertices=bodies[k],
+            body_joints=human_scale[k] * inputs.body_joints,
+            body_model=self.body_identity,
+            contact_vertices=touching(bodies[k], objects[k], faces, config.touch_distance),
             hypothesis_exemplars=[e.name for e in exemplars],
-            hypothesis_terms=terms
-            | {
-                "total": _listed(total),
-                "order_violation": violation.tolist(),
-                "iou": iou.tolist(),
-                "scale": placement.scale.double().tolist(),
-            },
+            hypothesis_terms=terms,
             selected=k,
             selection_rule=rule_text(config.order_weight),
-            loss_curve={name: _listed(curves[:, i].numpy()) for i, name in enumerate(names)},
+            loss_curve={name: _listed(optimum.curves[:, i, k]) for i, name in enumerate(names)},
         )
 
 
@@ -146,25 +127,15 @@ def _similarity(variables: torch.Tensor) -> tuple[np.ndarray, np.ndarray, float]
     return rotation, scale * variables[6:9].double().numpy(), scale
 
 
-def _listed(values: np.ndarray) -> list[float]:
+def _listed(values: np.ndarray | torch.Tensor) -> list[float]:
     """JSON has no infinity: a loss that is not finite is written as the largest number."""
-    return np.nan_to_num(values, nan=1e30, posinf=1e30, neginf=-1e30).tolist()
+    numbers = np.asarray(values, np.float64)
+    return np.nan_to_num(numbers, nan=1e30, posinf=1e30, neginf=-1e30).tolist()
 
 
 def touching(
     body_vertices: np.ndarray, object_vertices: np.ndarray, object_faces: np.ndarray, reach: float
 ) -> np.ndarray:
-    """(V,) float32 per body vertex: 1 on or inside the object's surface, 0 from `reach` metres on.
-
-    Linear in the distance to the surface in between.
-    """
-    import open3d
-
-    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        open3d.core.Tensor(np.ascontiguousarray(object_vertices, np.float32)),
-        open3d.core.Tensor(np.ascontiguousarray(object_faces, np.uint32)),
-    )
-    points = open3d.core.Tensor(np.ascontiguousarray(body_vertices, np.float32))
-    distance = scene.compute_distance(points, nthreads=1).numpy()
+    """(V,) per body vertex: 1 at the object's surface, linearly down to 0 at `reach` metres."""
+    distance = surface_distance(body_vertices, object_vertices, object_faces)
     return np.clip(1 - distance / reach, 0, 1)

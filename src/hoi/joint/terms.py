@@ -14,6 +14,7 @@ from torch import Tensor
 
 from hoi.geometry import project, rotation_6d_to_matrix
 from hoi.joint import losses
+from hoi.joint.config import TermName
 from hoi.joint.correspondence import cheapest_alternatives, nearest
 from hoi.joint.phosa import PhosaPart, order_violations
 from hoi.joint.problem import Problem
@@ -227,7 +228,7 @@ def phosa_ordinal_depth(problem: Problem, placement: Placement) -> Tensor:
     return _zero(placement).index_add(0, hypothesis, pixels) * scene.pixel_weight / 2
 
 
-TERMS: dict[str, Callable[[Problem, Placement], Tensor]] = {
+TERMS: dict[TermName, Callable[[Problem, Placement], Tensor]] = {
     "contact": contact,
     "normal": normal,
     "penetration": penetration,
@@ -247,7 +248,7 @@ TERMS: dict[str, Callable[[Problem, Placement], Tensor]] = {
 SCALE_BLIND = frozenset({"reprojection", "phosa_silhouette"})
 
 
-def weighted_terms(problem: Problem, terms: Mapping[str, float], variables: Tensor) -> Tensor:
+def weighted_terms(problem: Problem, terms: Mapping[TermName, float], variables: Tensor) -> Tensor:
     """(T, K) every term times its weight, in the order of `terms`. Their sum is the objective."""
     placement = Placement(problem, variables)
     return torch.stack([weight * TERMS[name](problem, placement) for name, weight in terms.items()])
