@@ -19,7 +19,7 @@ demo: setup
 	@echo "== Reconstructing the embedded chairs: the first run generates the photos, fetches the"
 	@echo "== pose model and fits 12 frames with two methods; about ten minutes on two cores."
 	$(BIN)/snakemake -j$(JOBS) results/behave_chair.csv
-	@$(BIN)/python -m hoi.report.tables results/behave_chair.csv
+	@$(BIN)/python -m hoi.report.show results/behave_chair.csv
 
 test: setup lint
 	$(BIN)/pytest

@@ -19,7 +19,7 @@ from typing import TypeVar
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from hoi.artifacts import Artifact
+from hoi.artifacts import OK, Artifact
 from hoi.digest import json_digest
 from hoi.errors import ArtifactError, FrameFailure
 from hoi.memo import Entry, Memo
@@ -107,6 +107,14 @@ def run_chunk(
                 return output_kind.skipped(frame_id, artifact)
         return stage_of()(**artifacts, seed=frame_seed(seed, frame_id, stage))
 
+    def prepare() -> None:
+        needed = any(
+            all(index.frames[frame_id].status == OK for index in indexes.values())
+            for frame_id in frame_ids
+        )
+        if needed:
+            stage_of()
+
     stage_of = _once(make_stage)
     keys = {
         frame_id: json_digest(
@@ -132,15 +140,26 @@ def write_chunk(
     index_path: Path | str,
     seconds_path: Path | str,
     memo: Memo,
+    prepare: Callable[[], None] = lambda: None,
 ) -> Index:
-    """Write one artifact per frame, from the memo or by `compute`, and the chunk's index."""
+    """Write one artifact per frame, from the memo or by `compute`, and the chunk's index.
+
+    `prepare` is called once, before the first frame that is not in the memo; what it takes
+    (importing libraries, loading models) is no frame's time.
+    """
     index_path = Path(index_path)
     entries: dict[str, Entry] = {}
+    prepared = False
     for number, frame_id in enumerate(frame_ids, 1):
         path = artifact_path(index_path, frame_id)
         entry = memo.get(keys[frame_id], path)
         remembered = entry is not None
         if entry is None:
+            if not prepared:
+                started = time.perf_counter()
+                prepare()
+                prepared = True
+                print(f"{stage} loaded ({time.perf_counter() - started:.1f} s)", file=sys.stderr)
             # one frame alone must give the same bytes as the whole run
             random.seed(0)
             np.random.seed(0)  # noqa: NPY002 - libraries may draw from the global generator
@@ -148,7 +167,9 @@ def write_chunk(
             try:
                 artifact = compute(frame_id)
             except FrameFailure as failure:
-                artifact = output_kind.failed(frame_id, failure, stage)
+                # a stage may tell more of its failure than the reason, e.g. what it looked at
+                told = getattr(failure, "artifact", None)
+                artifact = told or output_kind.failed(frame_id, failure, stage)
             except Exception as error:
                 error.add_note(f"in stage {stage}, frame {frame_id}")
                 raise

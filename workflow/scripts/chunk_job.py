@@ -43,6 +43,12 @@ def run_stage(
         )
 
 
+def files(job, name: str) -> list[str]:
+    """The files of one named input, however many there are."""
+    value = job.input.get(name, [])
+    return [value] if isinstance(value, str) else list(value)
+
+
 @contextlib.contextmanager
 def logged(job):
     """Send progress lines to the job's log file; an error still reaches the terminal."""

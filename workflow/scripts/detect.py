@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from chunk_job import run_stage
+from chunk_job import files, run_stage
 
 from hoi.artifacts import Detection, Frame
 
@@ -23,5 +23,5 @@ run_stage(
     inputs={
         "frame": (Frame, snakemake.input.frames),
     },
-    assets=[*snakemake.input.get("models", [])],
+    assets=files(snakemake, "models"),
 )

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from chunk_job import run_stage
+from chunk_job import files, run_stage
 
 from hoi.artifacts import BodyFit, Detection, Frame, Joint, ObjectFit, Prior
 
@@ -27,5 +27,5 @@ run_stage(
         "objects": (ObjectFit, snakemake.input.objects),
         "prior": (Prior, snakemake.input.priors),
     },
-    assets=[snakemake.input.body_model, *snakemake.input.exemplars],
+    assets=[snakemake.input.body_model, *files(snakemake, "exemplars")],
 )

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from chunk_job import run_stage
+from chunk_job import files, run_stage
 
 from hoi.artifacts import Detection, Frame, ObjectFit
 
@@ -24,5 +24,5 @@ run_stage(
         "frame": (Frame, snakemake.input.frames),
         "detection": (Detection, snakemake.input.detections),
     },
-    assets=[*snakemake.input.exemplars],
+    assets=files(snakemake, "exemplars"),
 )

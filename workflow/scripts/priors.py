@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from chunk_job import run_stage
+from chunk_job import files, run_stage
 
 from hoi.artifacts import Action, Frame, Prior
 
@@ -24,5 +24,5 @@ run_stage(
         "frame": (Frame, snakemake.input.frames),
         "action": (Action, snakemake.input.actions),
     },
-    assets=[*snakemake.input.answers],
+    assets=files(snakemake, "answers"),
 )
