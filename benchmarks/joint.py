@@ -32,9 +32,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from hoi.body import DEFAULT_BODY
 from hoi.exemplars import save_library
 from hoi.exemplars.procedural import generate
-from hoi.joint.presets import PRESETS, preset
 from hoi.joint.stage import JointStage
-from joint_scene import Scene, sitting_scene
+from joint_scene import METHODS, Scene, sitting_scene
 
 
 def ten_hypotheses(scene: Scene, folder: Path) -> Scene:
@@ -58,9 +57,9 @@ def main() -> None:
     torch.set_num_threads(1)
     with tempfile.TemporaryDirectory() as folder:
         scene = ten_hypotheses(sitting_scene(), Path(folder))
-        for name in PRESETS:
+        for name in METHODS.methods:
             for schedule in ("fast", "paper"):
-                config = preset(name).model_copy(update={"schedule": schedule})
+                config = METHODS.joint_settings(name).model_copy(update={"schedule": schedule})
                 stage = JointStage(config, DEFAULT_BODY, Path(folder))
                 seconds = []
                 for _ in range(4 if schedule == "fast" else 2):

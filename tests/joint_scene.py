@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -18,13 +19,15 @@ from hoi.artifacts import (
     Prior,
 )
 from hoi.body import DEFAULT_BODY, BodyModel, part_vertices
+from hoi.config import load_config
 from hoi.exemplars import Exemplar
 from hoi.joint.config import JointConfig
 from hoi.joint.inputs import Inputs
-from hoi.joint.presets import PRESETS
 from hoi.joint.problem import BodyRegions, Problem, build_problem
 from hoi.rendering import depth_map
 
+#: the methods as users run them
+METHODS = load_config(Path(__file__).parents[1] / "config" / "config.yaml")
 INTRINSICS = np.array([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]])
 HEIGHT, WIDTH = 480, 640
 
@@ -175,9 +178,9 @@ def _box(mask: np.ndarray) -> np.ndarray:
 
 
 def method_config(name: str, **changes) -> JointConfig:
-    """A method's preset, with a smaller distance field and fewer points so that tests are quick."""
+    """A method of config/config.yaml, with a smaller distance field and fewer points so that tests are quick."""
     quick = {"sdf_grid": 16, "part_points": 48, "surface_points": 150}
-    return JointConfig(**(PRESETS[name] | quick | changes))
+    return JointConfig(**({"method": name} | METHODS.methods[name].joint | quick | changes))
 
 
 def inputs_of(scene: Scene) -> Inputs:

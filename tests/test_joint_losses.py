@@ -21,12 +21,11 @@ from hoi.joint.correspondence import (
     pair_table,
 )
 from hoi.joint.phosa import visible_faces
-from hoi.joint.presets import PRESETS
 from hoi.joint.problem import Problem
 from hoi.joint.signed_distance import SignedDistanceGrid, body_signed_distance
 from hoi.joint.terms import TERMS, Placement, weighted_terms
 from hoi.rendering import depth_map
-from joint_scene import CUBE, CUBE_FACES, method_config, problem_of, sitting_scene
+from joint_scene import CUBE, CUBE_FACES, METHODS, method_config, problem_of, sitting_scene
 
 # ------------------------------------------------------------------------------ closed forms
 
@@ -275,7 +274,7 @@ def test_scaling_about_the_camera_keeps_the_silhouette(scene):
     assert first.silhouette[1][0] > 0.93  # the object fit of the scene is exact
 
 
-@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("name", METHODS.methods)
 def test_every_method_evaluates_every_term_it_lists(scene, name):
     problem = problem_of(scene, method_config(name))
     config = method_config(name)

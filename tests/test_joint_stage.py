@@ -11,9 +11,8 @@ from hoi.body import DEFAULT_BODY
 from hoi.errors import ConfigError, FrameFailure
 from hoi.exemplars import save_library
 from hoi.joint.config import JointConfig
-from hoi.joint.presets import PRESETS, preset
 from hoi.joint.stage import JointStage, touching
-from joint_scene import body_model, box_chair, method_config, sitting_scene
+from joint_scene import METHODS, body_model, box_chair, method_config, sitting_scene
 
 QUICK = {"optimiser": "adam", "iterations": 15, "learning_rate": 1e-2}
 
@@ -30,7 +29,7 @@ def run(scene, library, config) -> Joint:
     return stage(scene.frame, scene.detection, scene.body, scene.objects, scene.prior, seed=3)
 
 
-@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("name", METHODS.methods)
 def test_every_method_of_the_tables_gives_a_valid_artifact(name, library, tmp_path):
     scene = sitting_scene(second=True)
     result = run(scene, library, method_config(name, fast=QUICK))
@@ -107,26 +106,11 @@ def test_a_body_of_another_model_is_a_configuration_error(library):
         run(scene, library, method_config("ours"))
 
 
-def test_ablations_are_other_lists_of_terms():
-    ours = preset("ours")
-    assert ours == JointConfig()
-    assert set(ours.terms) - set(preset("no_normal").terms) == {"normal"}
-    assert not preset("no_normal").opposing_normals
-    assert set(ours.terms) - set(preset("no_contact").terms) == {"contact", "normal", "ground"}
-    assert preset("no_action").terms == ours.terms
-    assert all(name.startswith("phosa_") for name in preset("phosa").terms)
-    paper = preset("paper")
-    assert paper.terms["contact"] == 1 and paper.terms["reprojection"] == 0.0005
-    assert (paper.paper.iterations, paper.paper.learning_rate) == (500, 2e-3)
-
-
-def test_unknown_terms_and_methods_are_named_in_the_error():
+def test_unknown_terms_are_named_in_the_error():
     with pytest.raises(ValidationError, match="gravity"):
         JointConfig(terms={"gravity": 1.0})
     with pytest.raises(ValidationError, match="at least one"):
         JointConfig(terms={})
-    with pytest.raises(KeyError, match="known: ours"):
-        preset("theirs")
 
 
 def test_touch_fades_with_distance():

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
+import yaml
 from pydantic import Field, PositiveInt, ValidationError, model_validator
 
 from hoi.actions.config import ActionsConfig
@@ -74,7 +75,7 @@ class RunConfig(Settings):
     assets: AssetsConfig = AssetsConfig()
     exemplars: ExemplarsConfig = ExemplarsConfig()
     detect: DetectConfig = DetectConfig()
-    detect_photos: DetectConfig = DetectConfig(masks="registry", keypoints="registry")
+    detect_photos: DetectConfig = DetectConfig(masks="prefer_given", keypoints="registry")
     smplify: SmplifyConfig = SmplifyConfig()
     objectfit: dict[str, ObjectFitConfig] = Field({}, description="named searches")
     actions: ActionsConfig = ActionsConfig()
@@ -131,6 +132,19 @@ class RunConfig(Settings):
     def detect_settings(self, dataset: str) -> DetectConfig:
         """How people and objects are found: photos bring no masks, data sets do."""
         return self.detect_photos if dataset == "photos" else self.detect
+
+
+def load_config(path: Path | str) -> RunConfig:
+    """Read a configuration file; raises ConfigError when it is not there or not usable."""
+    try:
+        values = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise ConfigError(f"{path}: there is no such file") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not readable as YAML: {error}") from error
+    if not isinstance(values, dict):
+        raise ConfigError(f"{path}: expected settings by name, found {type(values).__name__}")
+    return read_config(values, str(path))
 
 
 def read_config(values: Mapping[str, Any], origin: str = "config/config.yaml") -> RunConfig:

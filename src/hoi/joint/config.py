@@ -93,7 +93,7 @@ class Phosa(Settings):
 
 
 class JointConfig(Settings):
-    """Configuration of the joint stage; `hoi.joint.presets` has one set per method."""
+    """Configuration of the joint stage; `config/config.yaml` has one set per method."""
 
     method: str = Field(default="ours", description="name of the method in the tables")
     action: Literal["retrieved", "default"] = Field(

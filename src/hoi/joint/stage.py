@@ -25,7 +25,7 @@ class JointStage:
     """Optimise the hypotheses of the object fit against body, image and priors; keep the best.
 
     Args:
-        config: the method, see `hoi.joint.presets`.
+        config: the method, see `methods` in `config/config.yaml`.
         body_model: the SMPL-format file the bodies were fitted with.
         exemplars_dir: the library the object fit used.
     """
