@@ -178,7 +178,7 @@ def _box(mask: np.ndarray) -> np.ndarray:
 
 
 def method_config(name: str, **changes) -> JointConfig:
-    """A method of config/config.yaml, with a smaller distance field and fewer points so that tests are quick."""
+    """A method of config/config.yaml, made quick: a coarser distance field, fewer points."""
     quick = {"sdf_grid": 16, "part_points": 48, "surface_points": 150}
     return JointConfig(**({"method": name} | METHODS.methods[name].joint | quick | changes))
 
