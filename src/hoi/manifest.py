@@ -14,6 +14,8 @@ from pathlib import Path
 from hoi.config import RunConfig
 from hoi.datasets import behave_layout
 from hoi.digest import file_digest, json_digest
+from hoi.exemplars.categories import known_categories
+from hoi.exemplars.vocabulary import exemplar_category
 
 PHOTOS = "photos"
 
@@ -99,13 +101,14 @@ def _behave(config: RunConfig, group: str) -> list[FrameInfo]:
 def _photos(config: RunConfig) -> list[FrameInfo]:
     from hoi.datasets import photos
 
-    folder = Path(config.photos.folder)
+    folder = Path(config.photos.folder).expanduser()
+    known = known_categories(config.exemplars)
     with FileDigests(Path(config.memo) / "digests.json") as digests:
         return [
             FrameInfo(
                 frame_id=ref.frame_id,
                 dataset=PHOTOS,
-                category=ref.category,
+                category=exemplar_category(ref.category, known),
                 object_name=ref.category,
                 action="",
                 digest=digests.of(photos.photo_files(folder, ref)),

@@ -11,6 +11,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
     os.environ.setdefault(variable, "1")
 
 from hoi.config import read_config
+from hoi.datasets.photos_config import AUTO
 from hoi.digest import code_digest, environment_digest
 from hoi.errors import HoiError
 from hoi.exemplars.categories import known_categories
@@ -26,6 +27,9 @@ config["memo"] = CONFIG.memo
 
 GROUPS = ("chair", "table", "keyboard", "backpack")
 DATASET = CONFIG.dataset_name
+
+# The report lists its categories by name, so the names bring the order of reading.
+TABLES, GALLERY, FRAMES = "1 Tables", "2 Gallery", "3 Frames"
 _PLANS = {}
 
 
@@ -84,7 +88,9 @@ PRIOR_TABLES = [f"src/hoi/data/priors/{name}.csv" for name in ("sizes", "contact
 def exemplars_of(chunk):
     """Library files of the chunk's categories; a category that nobody can build has none."""
     known = known_categories(CONFIG.exemplars)
-    return [f"resources/exemplars/{name}.npz" for name in chunk.categories if name in known]
+    # nobody knows yet what an unnamed photo shows
+    wanted = known if AUTO in chunk.categories else chunk.categories
+    return [f"resources/exemplars/{name}.npz" for name in wanted if name in known]
 
 
 def exemplar_files(wildcards):

@@ -51,14 +51,33 @@ rule frames:
         "../scripts/frames.py"
 
 
+def has_unnamed_photos(wildcards):
+    return AUTO in chunk_named(wildcards.chunk).categories
+
+
+def photo_settings(wildcards):
+    """Settings of the folder, and of the detector where it has to name objects."""
+    naming = None
+    if has_unnamed_photos(wildcards):
+        naming = {
+            "detect": CONFIG.detect_photos.model_dump(mode="json"),
+            "categories": list(known_categories(CONFIG.exemplars)),
+        }
+    return {"photos": CONFIG.photos.model_dump(mode="json"), "naming": naming}
+
+
 rule photos:
     # a folder of photos
+    input:
+        models=lambda wildcards: (
+            "resources/models/all.ready" if has_unnamed_photos(wildcards) else []
+        ),
     output:
         index="results/photos/frames/{chunk}.json",
         seconds="results/photos/frames/{chunk}.seconds.json",
     params:
         frames=lambda wildcards: chunk_settings(chunk_named(wildcards.chunk)),
-        identity=identity("photos", CONFIG.photos),
+        identity=lambda wildcards: identity("photos", photo_settings(wildcards)),
     message:
         "Reading the photos of {wildcards.chunk}"
     log:

@@ -4,6 +4,9 @@ from pydantic import Field
 
 from hoi.settings import Settings
 
+#: The category of a photo whose object nobody named.
+AUTO = "auto"
+
 
 class PhotosConfig(Settings):
     """Where photos are, what is in them, and what is assumed of a camera that does not say."""
@@ -15,7 +18,7 @@ class PhotosConfig(Settings):
         "<photo>.yaml and objects.yaml in the folder",
     )
     default_object: str = Field(
-        "auto", description="category of photos nobody named: auto lets the detector choose"
+        AUTO, description="category of photos nobody named: auto lets the detector choose"
     )
     default_field_of_view_deg: float = Field(
         55.0, gt=5, lt=150, description="of the longer side, for photos without EXIF focal length"

@@ -20,7 +20,7 @@ from hoi.artifacts import Candidate
 from hoi.detect.backends import Box, DetectedBox
 from hoi.detect.boxes import area, gap, longer_side, overlap, shared_area
 from hoi.detect.config import DetectConfig
-from hoi.detect.labels import PERSON
+from hoi.detect.labels import ANY_CATEGORY, PERSON
 from hoi.errors import FrameFailure
 
 CHOSEN = "chosen"
@@ -143,7 +143,7 @@ def object_failure(
     if not weights:
         return FrameFailure(
             "no_object_detected",
-            f"the detector has no class for {category!r}; name one in detect.labels or give a mask",
+            f"the detector has no class for {category!r}; name one under `labels` or give a mask",
         )
     scores = [
         (item.score * weights[item.label], item.label) for item in boxes if item.label in weights
@@ -155,8 +155,8 @@ def object_failure(
         low = score < config.object_threshold
         near = "too low" if low else "but lies too far away or on the person"
         reason = f"the best box ({label}) scores {score:.2f}, {near}"
+    noun = "known object" if category in ANY_CATEGORY else category
     return FrameFailure(
         "no_object_detected",
-        f"no {category or 'object'} next to the person: {reason}; "
-        f"the threshold is {config.object_threshold}",
+        f"no {noun} next to the person: {reason}; the threshold is {config.object_threshold}",
     )

@@ -102,10 +102,10 @@ class GrabCutConfig(Settings):
 class DetectConfig(Settings):
     """Section 3.1 (detection) and 4.2 (what counts as detected)."""
 
-    masks: Literal["given", "registry"] = Field(
+    masks: Literal["given", "registry", "prefer_given"] = Field(
         default="given",
         description="given: the data set's own masks, as in the paper's supplementary evaluation; "
-        "registry: detect boxes and segment them.",
+        "registry: detect boxes and segment them; prefer_given: detect what has no mask.",
     )
     keypoints: Literal["given", "registry"] = "given"
     landmarks: Literal["registry", "none"] = Field(
@@ -204,7 +204,7 @@ class DetectConfig(Settings):
     @property
     def needed_models(self) -> Literal["none", "pose", "all"]:
         """Which model files this needs, see :func:`hoi.detect.models.fetch_models`."""
-        if self.masks == "registry":
+        if self.masks != "given":
             return "all"
         if self.keypoints == "registry" or self.landmarks == "registry":
             return "pose"

@@ -10,6 +10,8 @@ from pathlib import Path
 from hoi.errors import AssetError
 
 PERSON = "person"
+#: Stands for a detector's class where the user drew the object's mask.
+OWN = "own mask"
 _DATA = Path(__file__).parent.parent / "data" / "detect"
 LABEL_TABLE = _DATA / "category_labels.csv"
 #: The 80 classes of COCO in the order of detectors trained on it.

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -16,17 +17,16 @@ from hoi.detect.backends import (
     PersonPose,
     PoseEstimator,
 )
-from hoi.detect.boxes import longer_side, mask_box, overlap, pixel_window
-from hoi.detect.choice import Choice, choose, object_failure, person_failure
+from hoi.detect.boxes import mask_box
+from hoi.detect.choice import Choice, object_failure, person_failure
 from hoi.detect.config import DetectConfig
+from hoi.detect.finding import PairFinder
 from hoi.detect.given import given_keypoints, given_mask
-from hoi.detect.labels import PERSON, label_weights
+from hoi.detect.labels import label_weights
 from hoi.detect.models import require_models
 from hoi.errors import FrameFailure
 
 STAGE = "detect"
-#: Scores of the second look are for the same boxes: one that is there already adds nothing.
-_SAME_BOX = 0.5
 
 
 class DetectionFailure(FrameFailure):
@@ -83,20 +83,22 @@ class DetectStage:
         object_segmenter: ObjectSegmenter | None = None,
     ):
         self.config = config
-        self._boxes, self._pose, self._segment = box_detector, pose_estimator, object_segmenter
-        needs_boxes = config.masks == "registry" and box_detector is None
+        self._pose, self._segment = pose_estimator, object_segmenter
+        needs_boxes = config.masks != "given" and box_detector is None
         needs_pose = config.needed_models != "none" and pose_estimator is None
         if needs_boxes or needs_pose:
             folder = require_models(models_dir, "all" if needs_boxes else "pose")
             if needs_boxes:
                 from hoi.detect.nanodet import NanoDet
 
-                self._boxes = NanoDet(config.nanodet, folder)
+                box_detector = NanoDet(config.nanodet, folder)
             if needs_pose:
                 from hoi.detect.blazepose import BlazePose
 
                 self._pose = BlazePose(config.blazepose, folder)
-        if config.masks == "registry" and object_segmenter is None:
+        detects = config.masks != "given"
+        self._find = PairFinder(config, box_detector) if detects and box_detector else None
+        if detects and object_segmenter is None:
             from hoi.detect.grabcut import GrabCut
 
             self._segment = GrabCut(config.grabcut, config.blazepose.visible)
@@ -110,15 +112,29 @@ class DetectStage:
         """
         image = frame.image
         assert image is not None  # a frame that is ok has one
-        if self.config.masks == "given":
+        if self._find is None:
             return self._describe(frame, image, self._given_subjects(frame), seed)
-        boxes, choice = self._look(image, self._weights(frame))
+        person, thing = self._own_mask(frame, "person"), self._own_mask(frame, "object")
+        boxes, choice = self._find(
+            image,
+            self._weights(frame),
+            None if person is None else mask_box(person),
+            None if thing is None else mask_box(thing),
+        )
         candidates = choice.candidates(boxes)
         try:
             subjects = self._detected_subjects(frame, boxes, choice, candidates)
+            subjects = replace(subjects, person_mask=person, object_mask=thing)
             return self._describe(frame, image, subjects, seed)
         except FrameFailure as failure:
             raise DetectionFailure(frame.frame_id, failure, candidates) from failure
+
+    def _own_mask(self, frame: Frame, which: Literal["person", "object"]) -> np.ndarray | None:
+        """The mask that the frame brings, where it is preferred to a detected one."""
+        mask = frame.given_person_mask if which == "person" else frame.given_object_mask
+        if mask is None or self.config.masks != "prefer_given":
+            return None
+        return given_mask(frame, which, mask, self.config.minimum_mask_pixels)
 
     def _given_subjects(self, frame: Frame) -> _Subjects:
         pixels = self.config.minimum_mask_pixels
@@ -150,42 +166,6 @@ class DetectStage:
     def _weights(self, frame: Frame) -> dict[str, float]:
         return label_weights(frame.category, self.config.labels, self.config.secondary_weight)
 
-    def _look(
-        self, image: np.ndarray, weights: dict[str, float]
-    ) -> tuple[list[DetectedBox], Choice]:
-        """Boxes of the whole picture, and of the person's surroundings if that finds no object."""
-        assert self._boxes is not None
-        boxes = self._boxes(image)
-        choice = choose(boxes, weights, self.config)
-        nano = self.config.nanodet
-        if choice.person is not None and choice.object is None and weights and nano.crop_pass:
-            boxes = boxes + self._second_look(image, choice.person.box, boxes)
-            choice = choose(boxes, weights, self.config)
-        return boxes, choice
-
-    def _second_look(
-        self, image: np.ndarray, person: Box, seen: list[DetectedBox]
-    ) -> list[DetectedBox]:
-        """Objects, in image pixels, that show up in a square around the person."""
-        assert self._boxes is not None
-        x, y = (person[0] + person[2]) / 2, (person[1] + person[3]) / 2
-        half = self.config.nanodet.crop_margin * longer_side(person) / 2
-        rows, columns = pixel_window((x - half, y - half, x + half, y + half), *image.shape[:2])
-        left, top = columns.start, rows.start
-        found = []
-        for item in self._boxes(image[rows, columns]):
-            x0, y0, x1, y1 = item.box
-            box = (x0 + left, y0 + top, x1 + left, y1 + top)
-            known = any(
-                item.label == other.label
-                and item.score <= other.score
-                and overlap(box, other.box) > _SAME_BOX
-                for other in seen
-            )
-            if item.label != PERSON and not known:
-                found.append(DetectedBox(item.label, item.score, box))
-        return found
-
     def _describe(
         self, frame: Frame, image: np.ndarray, subjects: _Subjects, seed: int
     ) -> Detection:
@@ -197,20 +177,24 @@ class DetectStage:
             pose = self._pose(image, subjects.person_box, frame.intrinsics)
         person_mask, person_source = self._person_mask(subjects, pose)
         object_mask, object_source = self._object_mask(image, subjects, pose, seed)
-        if config.masks == "registry":
+        if person_source != "given":
             # A pixel shows one thing. The segmenter saw the person mask as a hint and overruled it
             # where the colours say object.
             person_mask = person_mask & ~object_mask
             self._require(person_mask, "person")
+        elif object_source != "given":
+            object_mask = object_mask & ~person_mask
+            self._require(object_mask, "object")
         keypoints, keypoints_source = self._keypoints(frame, pose)
+        seen = subjects.object if subjects.object_mask is None else None
         use_landmarks = config.landmarks == "registry" and pose is not None
         return Detection(
             frame_id=frame.frame_id,
             person_box=subjects.person_box,
             object_box=subjects.object_box,
-            person_score=subjects.person.score if subjects.person else None,
-            object_score=subjects.object.score if subjects.object else None,
-            object_label=subjects.object.label if subjects.object else frame.category,
+            person_score=_score(subjects.person, subjects.person_mask),
+            object_score=_score(subjects.object, subjects.object_mask),
+            object_label=frame.category if seen is None else seen.label,
             person_mask=person_mask,
             object_mask=object_mask,
             person_mask_source=person_source,
@@ -238,7 +222,9 @@ class DetectStage:
     ) -> tuple[np.ndarray, str]:
         if subjects.object_mask is not None:
             return subjects.object_mask, "given"
-        assert self._segment is not None and pose is not None
+        assert self._segment is not None
+        if pose is None:
+            raise FrameFailure("no_keypoints", "the pose model sees nobody in the person's box")
         mask, source = self._segment(image, subjects.object_box, pose, seed)
         self._require(mask, "object")
         return mask, source
@@ -268,3 +254,8 @@ class DetectStage:
         pixels = int(mask.sum())
         if pixels < self.config.minimum_mask_pixels:
             raise FrameFailure(f"{which}_mask_empty", f"the {which} mask has {pixels} pixels")
+
+
+def _score(found: DetectedBox | None, mask: np.ndarray | None) -> float | None:
+    """The detector's score; none for what it did not find."""
+    return found.score if found is not None and mask is None else None

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Collection
 from functools import cache
 from pathlib import Path
 
@@ -63,6 +64,11 @@ SYNONYMS = {
     "sofa": "couch",
     "dining table": "table",
     "coffee table": "table",
+    "desk": "table",
+    "office chair": "chair",
+    "cup": "mug",
+    "football": "ball",
+    "surf board": "surfboard",
     "rucksack": "backpack",
     "tv": "display",
     "monitor": "display",
@@ -83,6 +89,12 @@ def canonical_category(noun: str) -> str:
     """The category noun of an object word: ``dining table`` -> ``table``; unknown words stay."""
     word = " ".join(noun.lower().replace("_", " ").split())
     return SYNONYMS.get(word, word)
+
+
+def exemplar_category(noun: str, known: Collection[str]) -> str:
+    """The category a user's word stands for: itself when it is `known`, else its synonym."""
+    word = " ".join(noun.lower().split())
+    return word if word in known else canonical_category(word)
 
 
 def partnet_parts(partnet_category: str) -> dict[str, list[str]]:

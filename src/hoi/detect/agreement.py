@@ -1,0 +1,107 @@
+"""How well the detectors agree with what a data set itself says: one row per category."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+
+import numpy as np
+import pandas as pd
+
+from hoi.artifacts import OK, Detection, Frame
+from hoi.detect.boxes import longer_side, mask_box, overlap
+from hoi.detect.config import DetectConfig
+from hoi.detect.counts import CORRECT_IOU, detection_counts
+
+ALL = "all"
+
+
+def detection_table(pairs: Iterable[tuple[Frame, Detection]], config: DetectConfig) -> pd.DataFrame:
+    """Detection rates and agreement with the given masks and keypoints.
+
+    Args:
+        pairs: frames with what the registry detectors said of them, failed ones included.
+        config: the settings they were detected with.
+
+    Returns:
+        One row per category, and ``all``: ``n`` frames, ``person_found`` (a person's box was
+        chosen), ``object_right`` (the stage came through and its object's box overlaps the given
+        object mask's by IoU 0.5), ``failed`` and ``failures`` (statuses with their counts),
+        ``person_iou`` and ``object_iou`` (mean IoU of the masks, 0 where the frame failed is left
+        out), ``keypoint_error_px`` and ``keypoint_error`` (median distance of the keypoints that
+        both sides are sure of; the second as a share of the person's longer side), and for every
+        threshold of :func:`hoi.detect.counts.detection_counts` the frames with a person's box
+        (``person@0.9``), an object's (``object@0.9``) and a right one (``right@0.9``).
+    """
+    pairs = list(pairs)
+    rows = pd.DataFrame([_frame_row(frame, found, config) for frame, found in pairs])
+    tables = [_summary(name, part) for name, part in rows.groupby("category")]
+    table = pd.DataFrame([*tables, _summary(ALL, rows)])
+    counts = detection_counts(pairs, config)
+    for threshold, part in counts.groupby("threshold", sort=False):
+        for ours, theirs in (
+            ("person", "person"),
+            ("object", "object"),
+            ("right", "correct_object"),
+        ):
+            table[f"{ours}@{threshold}"] = [
+                dict(zip(part["category"], part[theirs], strict=True)).get(category, np.nan)
+                for category in table["category"]
+            ]
+    return table
+
+
+def _frame_row(frame: Frame, found: Detection, config: DetectConfig) -> dict[str, object]:
+    """What one frame adds; NaN where there is nothing to compare."""
+    row: dict[str, object] = {
+        "category": frame.category,
+        "status": found.status,
+        "person": any(c.label == "person" and c.verdict == "chosen" for c in found.candidates),
+        "right": False,
+        "person_iou": np.nan,
+        "object_iou": np.nan,
+        "error_px": np.nan,
+        "error": np.nan,
+    }
+    if not found.ok:
+        return row
+    assert found.object_box is not None
+    if frame.given_object_mask is not None and found.object_mask is not None:
+        given = mask_box(frame.given_object_mask)
+        box = (*(float(side) for side in found.object_box),)
+        row["right"] = overlap(box, given) >= CORRECT_IOU
+        row["object_iou"] = _mask_iou(found.object_mask, frame.given_object_mask)
+    if frame.given_person_mask is not None and found.person_mask is not None:
+        row["person_iou"] = _mask_iou(found.person_mask, frame.given_person_mask)
+    if frame.given_keypoints is not None and found.keypoints is not None:
+        sure = (
+            np.minimum(frame.given_keypoints[:, 2], found.keypoints[:, 2])
+            >= config.keypoint_threshold
+        )
+        if sure.any():
+            gaps = np.linalg.norm((frame.given_keypoints - found.keypoints)[sure, :2], axis=1)
+            row["error_px"] = float(np.median(gaps))
+            if frame.given_person_mask is not None:
+                row["error"] = row["error_px"] / longer_side(mask_box(frame.given_person_mask))
+    return row
+
+
+def _mask_iou(first: np.ndarray, second: np.ndarray) -> float:
+    union = (first | second).sum()
+    return float((first & second).sum() / union) if union else 0.0
+
+
+def _summary(category: object, rows: pd.DataFrame) -> dict[str, object]:
+    failures = Counter(status for status in rows["status"] if status != OK)
+    return {
+        "category": category,
+        "n": len(rows),
+        "person_found": int(np.count_nonzero(rows["person"])),
+        "object_right": int(np.count_nonzero(rows["right"])),
+        "failed": sum(failures.values()),
+        "failures": "; ".join(f"{status} {n}" for status, n in failures.most_common()),
+        "person_iou": rows["person_iou"].mean(),
+        "object_iou": rows["object_iou"].mean(),
+        "keypoint_error_px": rows["error_px"].mean(),
+        "keypoint_error": rows["error"].mean(),
+    }

@@ -1,0 +1,90 @@
+"""Detection rates as a table to read."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pandas as pd
+
+from hoi.report.tables import DASH, MINI_NOTE, LaidOutTable
+
+COLUMNS = (
+    "dataset", "split", "category", "n", "person_found", "object_right", "failed", "failures",
+    "person_iou", "object_iou", "keypoint_error_px", "keypoint_error",
+)  # fmt: skip
+
+
+def is_detection_table(table: pd.DataFrame) -> bool:
+    """Whether the columns are those of ``results/detection.csv``."""
+    return set(COLUMNS) <= set(table.columns)
+
+
+def detection_layout(table: pd.DataFrame) -> LaidOutTable:
+    """Rates per category: what was chosen, how it agrees, and boxes at each score threshold."""
+    thresholds = [name.partition("@")[2] for name in table.columns if name.startswith("right@")]
+    groups = (
+        ("found by the stage", ("n", "person", "right object")),
+        ("agreement", ("person IoU", "object IoU", "keypoints")),
+        *((f"score {_threshold(t)}", ("person", "object", "right")) for t in thresholds),
+    )
+    records: list[dict[str, Any]] = [
+        {str(key): value for key, value in row.items()} for row in table.to_dict("records")
+    ]
+    rows = tuple((str(row["category"]), _cells(row, thresholds)) for row in records)
+    dataset, split = (str(table[key].iloc[0]) for key in ("dataset", "split"))
+    caption = (
+        "Frames in which the detectors find a person, and the right object: a box that overlaps "
+        "the box of the data set's own mask by IoU 0.5 or more. Agreement: mean IoU with the "
+        "given masks, and the median distance to the given keypoints in pixels (share of the "
+        "person's longer side), over the frames that came through. Score: frames with any such "
+        "box at that threshold; 0.9 and 0.6 are the paper's."
+    )
+    failures = [
+        f"{row['category']}: {row['failures']}"
+        for row in records
+        if row["category"] != "all" and isinstance(row["failures"], str) and row["failures"]
+    ]
+    notes = (
+        *((f"Failures: {', '.join(failures)}.",) if failures else ()),
+        *((MINI_NOTE,) if "behave_mini" in dataset else ()),
+    )
+    return LaidOutTable(
+        f"{dataset} ({split}): detection", caption, "Category", groups, rows, len(rows) - 1, notes
+    )
+
+
+def _threshold(name: str) -> str:
+    return name if name == "ours" else f">= {name}"
+
+
+def _cells(row: dict[str, Any], thresholds: list[str]) -> tuple[str, ...]:
+    n = int(row["n"])
+    error = f"{_number(row['keypoint_error_px'], 1)} px"
+    if _known(row["keypoint_error"]):
+        error += f" ({100 * row['keypoint_error']:.1f} %)"
+    return (
+        str(n),
+        _rate(row["person_found"], n),
+        _rate(row["object_right"], n),
+        _number(row["person_iou"], 2),
+        _number(row["object_iou"], 2),
+        error,
+        *(
+            _rate(row[f"{what}@{threshold}"], n)
+            for threshold in thresholds
+            for what in ("person", "object", "right")
+        ),
+    )
+
+
+def _known(value: Any) -> bool:
+    return value is not None and math.isfinite(value)
+
+
+def _rate(count: Any, n: int) -> str:
+    return f"{100 * count / n:.0f} %" if _known(count) and n else DASH
+
+
+def _number(value: Any, digits: int) -> str:
+    return f"{value:.{digits}f}" if _known(value) else DASH

@@ -1,0 +1,45 @@
+# Section 4.2: how often the detectors fail, also where the tables use the data set's own masks
+
+REGISTRY = CONFIG.detect.model_copy(update={"masks": "registry", "keypoints": "registry"})
+
+
+use rule detect as detect_registry with:
+    input:
+        frames="results/{dataset}/frames/{chunk}.json",
+        models="resources/models/all.ready",
+    output:
+        index="results/{dataset}/detect_registry/{chunk}.json",
+        seconds="results/{dataset}/detect_registry/{chunk}.seconds.json",
+    params:
+        identity=stage_identity("detect", REGISTRY),
+    log:
+        "logs/{dataset}/detect_registry/{chunk}.log",
+
+
+rule table_detection:
+    input:
+        frames=lambda _: [path for group in GROUPS for path in indexes(group, "frames")],
+        detections=lambda _: [p for group in GROUPS for p in indexes(group, "detect_registry")],
+    output:
+        csv=report(
+            "results/detection.csv",
+            caption="../report/detection.rst",
+            category=TABLES,
+            labels={"table": "detection", "form": "csv"},
+        ),
+        html=report(
+            "results/detection.html",
+            caption="../report/detection.rst",
+            category=TABLES,
+            labels={"table": "detection", "form": "as a table"},
+        ),
+    params:
+        dataset=DATASET,
+        split=CONFIG.split,
+        identity=identity("table_detection", REGISTRY),
+    message:
+        "Collecting results/detection.csv"
+    log:
+        "logs/detection.log",
+    script:
+        "../scripts/table_detection.py"
