@@ -179,7 +179,7 @@ def test_the_weight_of_the_normal_loss_reruns_the_joint_stage_and_what_follows(d
     before = {path: path.stat().st_mtime_ns for path in done.folder.glob("results/behave/*/*.json")}
     done.edit("config/config.yaml", "normal: 0.01", "normal: 0.02")
     counts = jobs(done.run())
-    assert counts == {"joint": 2, "evaluate": 2, "table_chair": 1}
+    assert counts == {"joint": 2, "evaluate": 2, "table": 1}
     after = {path: path.stat().st_mtime_ns for path in done.folder.glob("results/behave/*/*.json")}
     assert after == before  # frames, detect, smplify, actions, priors were not touched
     done.edit("config/config.yaml", "normal: 0.02", "normal: 0.01")
@@ -206,12 +206,12 @@ def test_editing_the_code_of_a_stage_reruns_it_and_what_follows(done, module, ol
     assert match
     text = path.read_text()
     path.write_text(text[: match.start()] + new + text[match.start() + len(old) :])
-    assert set(done.planned()) == {*stages, "table_chair"}
+    assert set(done.planned()) == {*stages, "table"}
 
 
 def test_two_settings_that_swap_their_values_are_noticed(done):
     done.edit("config/config.yaml", "contact: 1.0, normal: 0.01", "contact: 0.01, normal: 1.0")
-    assert set(done.planned()) == {"joint", "evaluate", "table_chair"}
+    assert set(done.planned()) == {"joint", "evaluate", "table"}
 
 
 def test_new_content_under_an_old_time_stamp_reruns_that_frame_alone(done):

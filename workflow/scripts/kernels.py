@@ -1,5 +1,7 @@
 """Compile the numba kernels once, so that no timed or parallel job does."""
 
-from hoi.rendering import warm_up
+import hoi.joint.warmup
+import hoi.rendering.warmup
 
-warm_up()
+hoi.rendering.warmup.warm_up()
+hoi.joint.warmup.warm_up()
