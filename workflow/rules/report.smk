@@ -14,18 +14,32 @@ def methods_of(dataset):
     return ("ours",) if dataset == PHOTOS else CONFIG.tables.methods
 
 
-def frame_chunk(frame, groups=(*GROUPS, PHOTOS)):
+def frame_chunk(dataset, frame):
     """The chunk that holds a frame. Groups are planned in turn, so only what is asked is read."""
-    for group in groups:
+    for group in [PHOTOS] if dataset == PHOTOS else GROUPS:
         for chunk in chunks_of(group):
             if frame in chunk.frame_ids:
                 return chunk
     raise WorkflowError(f"There is no frame {frame} in the configured data.")
 
 
+def page_chunk(wildcards):
+    return frame_chunk(wildcards.dataset, wildcards.frame)
+
+
 def page_inputs(wildcards):
-    chunk = frame_chunk(wildcards.frame, [PHOTOS] if wildcards.dataset == PHOTOS else GROUPS)
-    return artifact_indexes(wildcards.dataset, chunk)
+    return artifact_indexes(wildcards.dataset, page_chunk(wildcards))
+
+
+def page_labels(wildcards):
+    """How the report lists a page: by action and frame, in one label.
+
+    One, because Snakemake 9.27's report makes a switch of any further label that has two equally
+    frequent values, and then fails where a frame exists for one of them only.
+    """
+    frames = page_chunk(wildcards).frames
+    action = next(frame.action for frame in frames if frame.frame_id == wildcards.frame)
+    return {"frame": f"{action} · {wildcards.frame}" if action else wildcards.frame}
 
 
 def artifact_indexes(dataset, chunk):
@@ -57,8 +71,9 @@ rule page:
         report(
             "results/{dataset}/pages/{frame}.html",
             caption="../report/frame.rst",
-            category="Frames",
-            labels={"frame": "{frame}"},
+            category=FRAMES,
+            subcategory=lambda wildcards: page_chunk(wildcards).group,
+            labels=page_labels,
         ),
     params:
         methods=lambda wildcards: list(methods_of(wildcards.dataset)),
@@ -100,7 +115,7 @@ rule gallery:
         report(
             "results/{dataset}/gallery/{group}.html",
             caption="../report/gallery.rst",
-            category="Gallery",
+            category=GALLERY,
             labels={"group": "{group}"},
         ),
     params:
@@ -132,6 +147,35 @@ rule scenes:
         "../scripts/scenes.py"
 
 
+# the frame of the README's picture, and its sharpness
+OVERVIEW_FRAME = "Date03_Sub04_chairblack_sit-t0003.000"
+OVERVIEW_CONFIG = CONFIG.report.model_copy(
+    update={"image_width": 800, "tile_width": 400, "supersampling": 3}
+)
+
+
+rule overview:
+    # the picture of the README; no part of `all`: snakemake -j2 docs/overview.jpg
+    input:
+        unpack(
+            lambda wildcards: artifact_indexes(
+                "behave_mini", frame_chunk("behave_mini", OVERVIEW_FRAME)
+            )
+        ),
+    output:
+        "docs/overview.jpg",
+    params:
+        frame=OVERVIEW_FRAME,
+        method="ours",
+        identity=drawing_identity("overview", OVERVIEW_CONFIG),
+    message:
+        "Drawing the README's picture"
+    log:
+        "logs/overview.log",
+    script:
+        "../scripts/overview.py"
+
+
 rule table_photos:
     # your own photos: one row each, with the reason where there is no result
     input:
@@ -145,7 +189,7 @@ rule table_photos:
         report(
             "results/photos.csv",
             caption="../report/photos.rst",
-            category="Tables",
+            category=TABLES,
             labels={"table": "photos", "form": "csv"},
         ),
     params:

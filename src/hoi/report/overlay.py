@@ -283,6 +283,38 @@ def overlay_sheet(panels: Sequence[Panel], columns: int = 3, gap: int = 8) -> np
     return sheet
 
 
+def overview(panels: Sequence[Panel], width: int = 1600) -> np.ndarray:
+    """The way from photo to scene on one titled sheet (H, W, 3) uint8, three panels a row.
+
+    Args:
+        panels: of :func:`frame_overlays`; the exemplars are put together in one cell.
+        width: of the sheet, pixels.
+    """
+    named = {panel.name: panel.image for panel in panels}
+    tiles = [panel.image for panel in panels if panel.name.startswith("exemplar_")]
+    size = named["body"].shape[1], named["body"].shape[0]
+    cells = (
+        ("1  The photo: person, object, keypoints", named["detection"]),
+        ("2  A body fitted to the keypoints", named["body"]),
+        ("3  Exemplars fitted to the outline", _tiled(tiles, size)),
+        ("4  The result: both, where they touch", named["joint"]),
+        ("The result from the side", named["side"]),
+        ("The result from above", named["top"]),
+    )
+    gap = width // 100
+    across = (width - 4 * gap) // 3
+    down, title = across * 3 // 4, across // 14
+    sheet = np.full((2 * (title + down + gap) + gap, width, 3), 255, np.uint8)
+    for place, (text, image) in enumerate(cells):
+        top = gap + place // 3 * (title + down + gap)
+        left = gap + place % 3 * (across + gap)
+        sheet[top : top + title, left : left + across] = _line(text, across, title)
+        sheet[top + title : top + title + down, left : left + across] = _fitted(
+            image, (across, down)
+        )
+    return sheet
+
+
 def frame_thumbnail(
     frame: Frame,
     detection: Detection | None,
@@ -529,6 +561,44 @@ def _grid(
     canvas[:, x] = 226
     canvas[y, :] = 226
     return canvas
+
+
+def _fitted(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """The picture scaled into (width, height), centred on white."""
+    import cv2
+
+    scale = min(size[0] / image.shape[1], size[1] / image.shape[0])
+    inner = max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale))
+    kind = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    canvas = np.full((size[1], size[0], 3), 255, np.uint8)
+    left, top = (size[0] - inner[0]) // 2, (size[1] - inner[1]) // 2
+    canvas[top : top + inner[1], left : left + inner[0]] = cv2.resize(
+        image, inner, interpolation=kind
+    )
+    return canvas
+
+
+def _tiled(tiles: Sequence[np.ndarray], size: tuple[int, int]) -> np.ndarray:
+    """The first four pictures in two rows, or one alone, in a picture of (width, height)."""
+    if len(tiles) < 2:
+        return _fitted(tiles[0], size)
+    gap = max(2, size[0] // 100)
+    width, height = (size[0] - gap) // 2, (size[1] - gap) // 2
+    canvas = np.full((size[1], size[0], 3), 255, np.uint8)
+    for place, tile in enumerate(tiles[:4]):
+        top, left = place // 2 * (size[1] - height), place % 2 * (size[0] - width)
+        canvas[top : top + height, left : left + width] = _fitted(tile, (width, height))
+    return canvas
+
+
+def _line(text: str, width: int, height: int) -> np.ndarray:
+    """One line of dark text on white."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    picture = Image.new("RGB", (width, height), "white")
+    font = ImageFont.load_default(round(height * 0.55))
+    ImageDraw.Draw(picture).text((0, height * 0.42), text, (31, 35, 40), font, anchor="lm")
+    return np.asarray(picture)
 
 
 def _wrap(text: str, font, width: int) -> str:

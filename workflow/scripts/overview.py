@@ -1,0 +1,28 @@
+"""Draw one frame's way from photo to scene on a sheet: the picture of the README."""
+
+from pathlib import Path
+
+from chunk_job import logged
+from frame_artifacts import FrameArtifacts
+
+from hoi.body import BodyModel
+from hoi.report.config import ReportConfig
+from hoi.report.overlay import frame_overlays, jpeg, overview
+
+config = ReportConfig(**snakemake.params.identity["settings"])
+frame_id = snakemake.params.frame
+artifacts = FrameArtifacts(snakemake.input, [snakemake.params.method])
+with logged(snakemake):
+    frame = artifacts.frame(frame_id)
+    (view,) = artifacts.views(frame_id)
+    panels = frame_overlays(
+        frame,
+        artifacts.detection(frame_id),
+        view.body,
+        view.objects,
+        view.joint,
+        BodyModel.load(Path(snakemake.input.body_model)).faces,
+        artifacts.exemplars(frame.category),
+        config,
+    )
+    Path(snakemake.output[0]).write_bytes(jpeg(overview(panels), config.jpeg_quality))
