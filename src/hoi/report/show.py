@@ -1,12 +1,16 @@
-"""Print result tables in the paper's layout: ``python -m hoi.report.show results/*.csv``."""
+"""Print result tables: ``python -m hoi.report.show results/*.csv``."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
 
-from hoi.errors import HoiError
-from hoi.report.tables import ablation_layout, as_text, layout, read_results
+import pandas as pd
+
+from hoi.errors import ArtifactError, HoiError
+from hoi.report.detection import detection_layout, is_detection_table
+from hoi.report.photos import is_photos_table, photos_layout
+from hoi.report.tables import LaidOutTable, ablation_layout, as_text, layout, read_results
 
 
 def main(paths: Sequence[str]) -> int:
@@ -16,14 +20,27 @@ def main(paths: Sequence[str]) -> int:
         return 2
     for path in paths:
         try:
-            results = read_results(path)
+            tables = tables_of(path)
         except HoiError as error:
             print(error, file=sys.stderr)
             return 1
-        make = ablation_layout if "ablation" in path else layout
-        for table in make(results, detail=True):
+        for table in tables:
             print(as_text(table))
     return 0
+
+
+def tables_of(path: str) -> tuple[LaidOutTable, ...]:
+    """The laid-out tables of one csv file of any kind. Raises ArtifactError for other files."""
+    try:
+        raw = pd.read_csv(path)
+    except (OSError, ValueError) as error:
+        raise ArtifactError(f"{path}: not a readable table: {error}") from error
+    if is_detection_table(raw):
+        return (detection_layout(raw),)
+    if is_photos_table(raw):
+        return (photos_layout(raw),)
+    make = ablation_layout if "ablation" in path else layout
+    return make(read_results(path), detail=True)
 
 
 if __name__ == "__main__":
