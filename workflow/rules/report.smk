@@ -180,6 +180,7 @@ rule table_photos:
     # your own photos: one row each, with the reason where there is no result
     input:
         joints=lambda wildcards: indexes(PHOTOS, "joint/ours"),
+        detections=lambda wildcards: indexes(PHOTOS, "detect"),
         bodies=lambda wildcards: indexes(PHOTOS, "smplify"),
         scenes=lambda wildcards: indexes(PHOTOS, "scenes"),
         frames=lambda wildcards: indexes(PHOTOS, "frames"),
