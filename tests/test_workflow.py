@@ -29,6 +29,7 @@ TINY = {
     "report": {"image_width": 200},
 }
 SEQUENCES = ("Date03_Sub03_chairblack_sit", "Date03_Sub03_chairblack_hand")
+KEPT = ("config", "src", "workflow")
 PER_FRAME = ("frames", "detect", "smplify", "objectfit", "actions", "priors", "joint", "evaluate")
 
 pytestmark = pytest.mark.slow
@@ -108,8 +109,11 @@ def behave(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory, behave):
-    """A checkout whose main table is done."""
+    """A checkout whose main table is done, and a copy of what it was made from."""
     checkout = Checkout(tmp_path_factory.mktemp("checkout"), behave)
+    checkout.pristine = tmp_path_factory.mktemp("pristine")
+    for name in KEPT:
+        shutil.copytree(checkout.folder / name, checkout.pristine / name)
     checkout.first_output = checkout.run()
     return checkout
 
@@ -117,12 +121,10 @@ def finished(tmp_path_factory, behave):
 @pytest.fixture
 def done(finished):
     """The finished checkout, put back as it was after each test."""
-    kept = ("config", "src", "workflow")
     yield finished
-    for name in kept:
+    for name in KEPT:
         shutil.rmtree(finished.folder / name)
-        ignore = shutil.ignore_patterns("__pycache__", "*.egg-info")
-        shutil.copytree(REPO / name, finished.folder / name, ignore=ignore)
+        shutil.copytree(finished.pristine / name, finished.folder / name)
     finished.configure()
 
 

@@ -6,7 +6,8 @@ rule objectfit:
         frames="results/{dataset}/frames/{chunk}.json",
         detections="results/{dataset}/detect/{chunk}.json",
         exemplars=exemplar_files,
-        kernels="resources/kernels.ready",
+        # only to be compiled beforehand: kernels made anew change no result
+        kernels=ancient("resources/kernels.ready"),
     output:
         index="results/{dataset}/objectfit/{search}/{chunk}.json",
         seconds="results/{dataset}/objectfit/{search}/{chunk}.seconds.json",
