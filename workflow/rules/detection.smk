@@ -16,6 +16,10 @@ use rule detect as detect_registry with:
         "logs/{dataset}/detect_registry/{chunk}.log",
 
 
+def all_indexes(stage):
+    return [path for group in GROUPS for path in indexes(group, stage)]
+
+
 rule table_detection:
     input:
         frames=lambda _: [path for group in GROUPS for path in indexes(group, "frames")],
