@@ -40,7 +40,7 @@ def page(methods=None, frame=None, detection=None, config=CONFIG, **changes) -> 
 class Reader(HTMLParser):
     """Tags that are opened, attributes, text, and tags that are left open."""
 
-    VOID = frozenset({"meta", "link", "img", "br", "input", "hr"})
+    VOID = frozenset({"meta", "link", "img", "br", "wbr", "input", "hr"})
 
     def __init__(self, text: str):
         super().__init__()

@@ -148,7 +148,7 @@ rule scenes:
 
 
 # the frame of the README's picture, and its sharpness
-OVERVIEW_FRAME = "Date03_Sub04_chairblack_sit-t0003.000"
+OVERVIEW_FRAME = "Date03_Sub04_chairblack_liftreal-t0003.000"
 OVERVIEW_CONFIG = CONFIG.report.model_copy(
     update={"image_width": 800, "tile_width": 400, "supersampling": 3}
 )

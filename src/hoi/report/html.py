@@ -30,6 +30,7 @@ def environment():
     )
     found.filters["curve"] = curve_points
     found.filters["losses"] = loss_symbols
+    found.filters["breakable"] = breakable
     found.filters["method"] = lambda name: loss_symbols(method_label(name))
     found.filters["method_text"] = lambda name: method_label(name)
     return found
@@ -63,6 +64,13 @@ def loss_symbols(text: str):
         symbol.format(piece) if odd % 2 else markupsafe.escape(piece)
         for odd, piece in enumerate(pieces)
     )
+
+
+def breakable(name: str):
+    """A long name, escaped, that a browser may break after its underscores."""
+    import markupsafe
+
+    return markupsafe.Markup("_<wbr>").join(name.split("_"))
 
 
 def curve_points(values: tuple[float, ...]) -> str:

@@ -100,7 +100,7 @@ def detection_panel(frame: Frame, detection: Detection | None, config: ReportCon
     if detection is None or not _drawable(detection):
         reason = _reason(detection, "detect")
         return Panel(name, title, canvas, f"The photo. {reason}", "", reason)
-    thick = max(1, round(config.image_width / 280))
+    thick = max(1, round(config.image_width / 320))
     for mask, box, colour in (
         (detection.person_mask, detection.person_box, rgb(config.person_line_colour)),
         (detection.object_mask, detection.object_box, rgb(config.object_line_colour)),
@@ -242,7 +242,7 @@ def joint_panels(
             *names[1],
             _side_view([body, thing], config),
             f"Side view of {who}",
-            f"Camera on the left, level. {grid}",
+            f"Camera on the left. {grid}",
         ),
         Panel(
             *names[2],

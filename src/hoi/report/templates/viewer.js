@@ -156,8 +156,8 @@
       ball.phi = Math.min(Math.max(ball.phi + turn[1], 0.05), Math.PI - 0.05);
       camera.position.setFromSpherical(ball).add(controls.target);
     });
-    window.addEventListener("resize", fit);
     fit();
+    new ResizeObserver(fit).observe(box);
     const names = Object.keys(scenes);
     if (names.length) { say(""); show(scenes[box.dataset.first] ? box.dataset.first : names[0]); tick(); document.documentElement.dataset.viewer = "ready"; }
   } catch (error) {
