@@ -32,6 +32,11 @@ def test_sitting_pulls_the_seat_both_ways_and_the_back_one_way():
     ]
 
 
+def test_a_tabletop_is_not_pulled_under_who_sits_on_its_edge():
+    contacts = [Contact(object_part="tabletop", body_part="butt")]
+    assert recipe_pairs(contacts, RULE) == [ContactPair(("tabletop",), ("butt",), False, 1.0)]
+
+
 def test_one_hand_is_enough_when_the_answer_says_either():
     contacts = hands("chair_back", "either", 0.7) + hands("chair_seat", "either", 0.3)
     left, right = recipe_pairs(contacts, RULE)

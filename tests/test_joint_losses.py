@@ -102,6 +102,25 @@ def test_ground_compares_the_lowest_points_along_up():
     assert losses.ground(legs, soles, torch.tensor([1.3]), up).item() == pytest.approx(0)
 
 
+@pytest.mark.parametrize(
+    ("object_stands", "feet_stand", "floating", "sunk"),
+    [
+        (True, True, 0.09, 0.09),  # one floor
+        (True, False, 0.09, 0.0),  # feet may hang above the object's floor
+        (False, True, 0.0, 0.09),  # what is lifted is not below the feet's floor
+        (False, False, 0.0, 0.0),  # nobody shows where the floor is
+    ],
+)
+def test_the_floor_is_where_somebody_stands_and_nobody_is_below(
+    object_stands, feet_stand, floating, sunk
+):
+    up = torch.tensor([0.0, -1.0, 0.0])
+    soles = torch.tensor([[0.0, 1.0, 3.0]])
+    legs = torch.tensor([[[0.0, 0.7, 2.0]], [[0.0, 1.3, 2.0]]])  # 0.3 m above, 0.3 m below
+    costs = losses.ground(legs, soles, torch.ones(2), up, object_stands, feet_stand)
+    assert costs.tolist() == pytest.approx([floating, sunk])
+
+
 def test_phosa_centroids_cost_the_mean_over_axes_where_active():
     first, second = torch.tensor([[0.0, 0, 0]] * 2), torch.tensor([[0.3, 0, 0.6]] * 2)
     found = losses.centroid_distance(first, second, torch.tensor([True, False]))

@@ -120,7 +120,15 @@ def test_no_action_is_answered_by_the_paper_and_by_us():
 
 def test_every_action_says_whether_the_object_stands_on_the_floor():
     tables = load_tables()
-    assert set(tables.stands_on_floor) == set(tables.contacts)
+    assert set(tables.stands_on_floor) == set(tables.feet_on_floor) == set(tables.contacts)
+
+
+def test_feet_leave_the_floor_on_a_table_and_on_a_chair_stood_on():
+    for category, action in (("table", "sit"), ("chair", "stand on"), ("bicycle", "ride")):
+        found = prior_of(category, action).retrieved
+        assert found is not None and found.stands_on_floor and not found.feet_on_floor
+    pushed = prior_of("table", "move").retrieved
+    assert pushed is not None and pushed.stands_on_floor and pushed.feet_on_floor
 
 
 def test_every_action_of_the_pose_database_has_contacts_and_a_size():
@@ -178,7 +186,8 @@ def test_a_stool_has_no_back_and_no_arms():
         ("contacts.csv", "sofa,sit,a,b,c,butt,up,1,me,", "column side: 'up'"),
         ("contacts.csv", "sofa,sit,a,b,c,butt,,3,me,", "column probability"),
         ("contacts.csv", "sofa,sit,a,b", "column is missing"),
-        ("actions.csv", "sofa,sit,perhaps", "column stands_on_floor: 'perhaps'"),
+        ("actions.csv", "sofa,sit,perhaps,no", "column stands_on_floor: 'perhaps'"),
+        ("actions.csv", "sofa,sit,yes,perhaps", "column feet_on_floor: 'perhaps'"),
     ],
 )
 def test_a_bad_row_is_named_with_file_line_and_column(tmp_path, name, line, problem):

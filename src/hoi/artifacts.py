@@ -329,6 +329,7 @@ class Interaction(Record):
     contacts: list[Contact]
     unmapped: list[str] = []  # answers that name no known part, with the reason
     stands_on_floor: bool = False
+    feet_on_floor: bool = True  # False: feet may hang, or stand on the object
     source: str = ""
 
 

@@ -43,7 +43,8 @@ class Schedule(Settings):
         description="scales tried before the first step; 0: start at the size prior",
     )
     depth_grid_range: PositiveFloat = Field(
-        default=0.35, description="the grid spans exp(-r)..exp(r)"
+        default=0.7,
+        description="the grid spans exp(-r)..exp(r): sizes of one category differ by twice",
     )
 
 
@@ -126,7 +127,7 @@ class JointConfig(Settings):
     human_scale: Literal["fixed", "free"] = Field(default="fixed", description="[3.4] free")
     schedule: Literal["fast", "paper"] = "fast"
     fast: Schedule = Schedule(
-        optimiser="lbfgs", iterations=40, learning_rate=1e-2, decay=True, depth_grid=29
+        optimiser="lbfgs", iterations=40, learning_rate=1e-2, decay=True, depth_grid=57
     )
     paper: Schedule = Schedule()
     contact_rule: ContactRule = ContactRule()

@@ -76,8 +76,8 @@ def recipe_pairs(contacts: Iterable[Contact], rule: ContactRule) -> list[Contact
     - A hand (foot, mouth) touches in one place: its points look for the nearest point on the union
       of the likely object parts, instead of pulling each listed part onto it. When the answer does
       not ask for both of a pair, only the nearer one counts (`expected_touching`).
-    - A region that carries weight (butt on a seat) is pulled both ways, other large regions lean:
-      body to object only, at half weight.
+    - A region that carries weight is pulled to the object, and a part that it covers (the seat
+      under a butt) is pulled back, too; other large regions lean: body to object, at half weight.
     Weights are multiplied by the contact's probability.
     """
     contacts = list(contacts)
@@ -99,7 +99,8 @@ def recipe_pairs(contacts: Iterable[Contact], rule: ContactRule) -> list[Contact
             weight = rule.support_weight if supports else rule.leaning_weight
             sides = (object_part,), (contact.body_part,)
             pairs.append(ContactPair(*sides, False, weight * contact.probability, alternative))
-            if supports and rule.support_reverse_weight > 0:
+            covered = supports and object_part in rule.support_reverse_parts
+            if covered and rule.support_reverse_weight > 0:
                 reverse = rule.support_reverse_weight * contact.probability
                 pairs.append(ContactPair(*sides, True, reverse))
     return pairs

@@ -67,17 +67,30 @@ def human_scale(scale: Tensor) -> Tensor:
     return (scale - 1).square()
 
 
-def ground(object_points: Tensor, soles: Tensor, human_scale: Tensor, up: Tensor) -> Tensor:
-    """Object and person stand on one floor: squared height difference of their lowest points.
+def ground(
+    object_points: Tensor,
+    soles: Tensor,
+    human_scale: Tensor,
+    up: Tensor,
+    object_stands: bool = True,
+    feet_stand: bool = True,
+) -> Tensor:
+    """One floor under object and person: squared height by which their lowest points disobey it.
 
-    Not in the paper. `up` is the image's up, which is the room's within a camera's roll and pitch.
+    Whichever stands shows where the floor is, and the other is on it when it stands, too, or else
+    not below it. Not in the paper. `up` is the image's up, which is the room's within a camera's
+    roll and pitch.
 
     Args:
         object_points: (K, V, 3). soles: (S, 3) of the body at scale 1. up: (3,) unit vector.
+        object_stands, feet_stand: who is known to stand on the floor.
     """
-    object_height = (object_points @ up).min(-1).values
-    sole_height = human_scale * (soles @ up).min()
-    return (object_height - sole_height).square()
+    gap = (object_points @ up).min(-1).values - human_scale * (soles @ up).min()  # object above
+    if not feet_stand:
+        gap = gap.clamp(min=0)
+    if not object_stands:
+        gap = gap.clamp(max=0)
+    return gap.square()
 
 
 # ------------------------------------------------------------------------------ PHOSA's

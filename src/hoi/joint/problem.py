@@ -69,7 +69,7 @@ class Problem:
         start: (K, 11) rotation (6D), translation at library size (m), log scale, log human scale.
         intrinsics: (3, 3) of the region of interest at the silhouette resolution.
         pixel_weight: what one pixel of that grid counts at the weights' resolution.
-        stands_on_floor: whether the ground term applies.
+        stands_on_floor, feet_on_floor: who is known to stand on the floor, for the ground term.
         skipped: one sentence for each contact that could not be used.
     """
 
@@ -86,6 +86,7 @@ class Problem:
     edge_weight: float
     pixel_weight: float
     stands_on_floor: bool
+    feet_on_floor: bool
     up: Tensor
     penetration_points: int
     phosa: PhosaScene | None
@@ -161,6 +162,7 @@ def build_problem(
         edge_weight=config.edge_weight,
         pixel_weight=(config.weights_resolution / resolution) ** 2,
         stands_on_floor=interaction.stands_on_floor,
+        feet_on_floor=interaction.feet_on_floor,
         up=torch.tensor([0.0, -1.0, 0.0]),
         penetration_points=config.paper_points,
         phosa=phosa_scene(config, inputs, regions),

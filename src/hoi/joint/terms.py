@@ -164,9 +164,10 @@ def reprojection(problem: Problem, placement: Placement) -> Tensor:
 
 
 def ground(problem: Problem, placement: Placement) -> Tensor:
-    if not problem.stands_on_floor:
-        return _zero(placement)
-    return losses.ground(placement.vertices, problem.body.soles, placement.human_scale, problem.up)
+    return losses.ground(
+        placement.vertices, problem.body.soles, placement.human_scale, problem.up,
+        problem.stands_on_floor, problem.feet_on_floor,
+    )  # fmt: skip
 
 
 def phosa_silhouette(problem: Problem, placement: Placement) -> Tensor:

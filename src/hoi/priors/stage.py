@@ -83,6 +83,7 @@ def lookup_interaction(
         contacts=contacts,
         unmapped=unmapped,
         stands_on_floor=tables.stands_on_floor.get((category, action), False),
+        feet_on_floor=tables.feet_on_floor.get((category, action), True),
         source="; ".join(dict.fromkeys(answer.source for answer in answers)),
     )
 

@@ -48,6 +48,7 @@ class PriorTables:
     sizes: dict[str, SizeAnswer]
     contacts: dict[tuple[str, str], tuple[ContactAnswer, ...]]
     stands_on_floor: dict[tuple[str, str], bool]
+    feet_on_floor: dict[tuple[str, str], bool]
 
 
 def load_tables(folder: Path | None = None, paper_only: bool = False) -> PriorTables:
@@ -95,12 +96,13 @@ def load_tables(folder: Path | None = None, paper_only: bool = False) -> PriorTa
         if kept(answer):
             contacts.setdefault((answer.category, answer.action), []).append(answer)
 
-    floor = {
-        (row.text("category"), row.text("action")): row.choice("stands_on_floor", ("yes", "no"))
-        == "yes"
-        for row in _Table(folder / "actions.csv")
-    }
-    return PriorTables(sizes, {key: tuple(rows) for key, rows in contacts.items()}, floor)
+    stands: dict[tuple[str, str], bool] = {}
+    feet: dict[tuple[str, str], bool] = {}
+    for row in _Table(folder / "actions.csv"):
+        key = row.text("category"), row.text("action")
+        stands[key] = row.choice("stands_on_floor", ("yes", "no")) == "yes"
+        feet[key] = row.choice("feet_on_floor", ("yes", "no")) == "yes"
+    return PriorTables(sizes, {key: tuple(rows) for key, rows in contacts.items()}, stands, feet)
 
 
 class _Row:
