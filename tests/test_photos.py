@@ -54,12 +54,14 @@ def test_an_unnamed_object_gets_the_category_of_what_the_detector_sees_next_to_t
     assert name_of(PERSON, box("teddy bear", 0.4, *CHAIR_BOX)) == "teddy"
 
 
-def test_what_can_be_reconstructed_is_preferred_to_a_surer_box_that_cannot():
-    assert name_of(PERSON, CHAIR, box("horse", 0.9, *CHAIR_BOX)) == "chair"
+def test_the_surest_object_is_meant_even_if_it_has_no_exemplars():
+    assert name_of(PERSON, CHAIR, box("horse", 0.9, *CHAIR_BOX)) == "horse"
 
 
-def test_an_object_without_exemplars_keeps_the_detectors_name_for_the_status():
-    assert name_of(PERSON, box("horse", 0.9, *CHAIR_BOX)) == "horse"
+def test_an_object_that_nobody_named_must_be_seen_for_sure():
+    assert name_of(PERSON, box("chair", 0.3, *CHAIR_BOX)) is None
+    unsure = registry_stage([PERSON, box("chair", 0.3, *CHAIR_BOX)])
+    assert status_of(unsure, frame(category="auto")) == "no_object_detected"
 
 
 def test_nothing_or_nobody_has_no_name():

@@ -44,10 +44,9 @@ def detection_table(pairs: Iterable[tuple[Frame, Detection]], config: DetectConf
             ("object", "object"),
             ("right", "correct_object"),
         ):
-            table[f"{ours}@{threshold}"] = [
-                dict(zip(part["category"], part[theirs], strict=True)).get(category, np.nan)
-                for category in table["category"]
-            ]
+            count = dict(zip(part["category"], part[theirs], strict=True))
+            found = [count.get(category, np.nan) for category in table["category"]]
+            table[f"{ours}@{threshold}"] = pd.array(found, dtype="Int64")
     return table
 
 

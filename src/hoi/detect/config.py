@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator
 
-from hoi.detect.labels import COCO80, PERSON
+from hoi.detect.labels import ANY_CATEGORY, COCO80, PERSON
 from hoi.settings import Settings
 
 
@@ -128,6 +128,12 @@ class DetectConfig(Settings):
         description="The paper: 0.9, and 0.6 as a second try (section 4.2). Ours can be low: only "
         "boxes of the wanted class next to a person compete.",
     )
+    unnamed_threshold: float = Field(
+        default=0.35,
+        ge=0,
+        le=1,
+        description="The same for an object that nobody named: boxes of all classes compete.",
+    )
     reported_thresholds: tuple[float, ...] = Field(
         default=(0.9, 0.6),
         description="Thresholds at which failures are counted beside our own (section 4.2).",
@@ -200,6 +206,12 @@ class DetectConfig(Settings):
                     f"{category}: {unknown or 'no label'}; object classes of COCO are known"
                 )
         return labels
+
+    def for_category(self, category: str) -> DetectConfig:
+        """The settings for one object: nobody having named it asks for a surer box."""
+        if category not in ANY_CATEGORY:
+            return self
+        return self.model_copy(update={"object_threshold": self.unnamed_threshold})
 
     @property
     def needed_models(self) -> Literal["none", "pose", "all"]:

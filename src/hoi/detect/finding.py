@@ -29,6 +29,7 @@ class PairFinder:
         weights: dict[str, float],
         own_person: Box | None = None,
         own_object: Box | None = None,
+        config: DetectConfig | None = None,
     ) -> tuple[list[DetectedBox], Choice]:
         """Boxes of the whole picture, and of the person's surroundings if that finds no object.
 
@@ -36,7 +37,9 @@ class PairFinder:
             image: (H, W, 3) uint8.
             weights: wanted detector classes, see :func:`hoi.detect.labels.label_weights`.
             own_person, own_object: boxes that are known, and taken instead of detected ones.
+            config: other thresholds than those of this finder.
         """
+        config = config or self.config
         if own_object is not None:
             weights = {OWN: 1.0}
         boxes = [] if own_person and own_object else self._detector(image)
@@ -45,15 +48,15 @@ class PairFinder:
             boxes.append(DetectedBox(PERSON, 1.0, own_person))
         if own_object is not None:
             boxes.append(DetectedBox(OWN, 1.0, own_object))
-        choice = choose(boxes, weights, self.config)
+        choice = choose(boxes, weights, config)
         if choice.person is None or choice.object is not None:
             return boxes, choice
         if own_object is not None:  # the rule doubts it, its owner does not
             verdicts = (*choice.verdicts[:-1], CHOSEN)
             return boxes, replace(choice, object=boxes[-1], verdicts=verdicts)
-        if weights and self.config.nanodet.crop_pass:
+        if weights and config.nanodet.crop_pass:
             boxes = boxes + self._second_look(image, choice.person.box, boxes)
-            choice = choose(boxes, weights, self.config)
+            choice = choose(boxes, weights, config)
         return boxes, choice
 
     def _second_look(

@@ -16,8 +16,9 @@ _DATA = Path(__file__).parent.parent / "data" / "detect"
 LABEL_TABLE = _DATA / "category_labels.csv"
 #: The 80 classes of COCO in the order of detectors trained on it.
 COCO80: tuple[str, ...] = tuple((_DATA / "coco80.txt").read_text().splitlines())
-#: Categories for which any object but a person may be taken.
-ANY_CATEGORY = ("", "auto")
+#: Categories for which any object but a person may be taken: nobody named it.
+AUTO = "auto"
+ANY_CATEGORY = ("", AUTO)
 
 
 def label_weights(

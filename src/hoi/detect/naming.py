@@ -10,7 +10,7 @@ import numpy as np
 from hoi.detect.backends import BoxDetector
 from hoi.detect.config import DetectConfig
 from hoi.detect.finding import PairFinder
-from hoi.detect.labels import ANY_CATEGORY, label_weights
+from hoi.detect.labels import AUTO, label_weights
 from hoi.detect.models import require_models
 
 
@@ -19,8 +19,8 @@ class ObjectNamer:
 
     Args:
         config: thresholds, labels and the rule's numbers.
-        categories: the categories to choose among, those with exemplars; the first that claims a
-            detector class as its own gets it.
+        categories: the categories with exemplars; the first that claims a detector class as its
+            own gets it.
         models_dir: folder of the detector's files.
         box_detector: another implementation, by default NanoDet.
     """
@@ -37,21 +37,19 @@ class ObjectNamer:
             from hoi.detect.nanodet import NanoDet
 
             box_detector = NanoDet(config.nanodet, require_models(models_dir, "all"))
-        self._find = PairFinder(config, box_detector)
+        self._find = PairFinder(config.for_category(AUTO), box_detector)
         self._category = category_of_label(categories, config.labels)
 
     def __call__(self, image: np.ndarray) -> str | None:
-        """The category of the object next to the person; None when no object is seen.
+        """The category of the object next to the person; None when none is seen for sure.
 
-        What can be reconstructed is preferred. Where only other things are seen the best one's
-        class is the answer, so that a later status can say what it is that has no exemplars.
+        A class that none of the categories claims is the answer as it is, so that a later status
+        can say what it is that has no exemplars.
         """
-        wanted = dict.fromkeys(self._category, 1.0)
-        for weights in (wanted, label_weights(ANY_CATEGORY[0], {}, 1.0)):
-            _, choice = self._find(image, weights)
-            if choice.object is not None:
-                return self._category.get(choice.object.label, choice.object.label)
-        return None
+        _, choice = self._find(image, label_weights(AUTO, {}, 1.0))
+        if choice.object is None:
+            return None
+        return self._category.get(choice.object.label, choice.object.label)
 
 
 def category_of_label(

@@ -120,6 +120,7 @@ class DetectStage:
             self._weights(frame),
             None if person is None else mask_box(person),
             None if thing is None else mask_box(thing),
+            self.config.for_category(frame.category),
         )
         candidates = choice.candidates(boxes)
         try:
@@ -145,7 +146,7 @@ class DetectStage:
     def _detected_subjects(
         self, frame: Frame, boxes: list[DetectedBox], choice: Choice, candidates: list[Candidate]
     ) -> _Subjects:
-        config = self.config
+        config = self.config.for_category(frame.category)
         if choice.person is None:
             raise person_failure(boxes, config)
         if choice.rivals and config.require_single_person:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import pandas as pd
@@ -80,7 +79,7 @@ def _cells(row: dict[str, Any], thresholds: list[str]) -> tuple[str, ...]:
 
 
 def _known(value: Any) -> bool:
-    return value is not None and math.isfinite(value)
+    return not pd.isna(value)
 
 
 def _rate(count: Any, n: int) -> str:
