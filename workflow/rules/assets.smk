@@ -34,11 +34,12 @@ rule models:
 
 
 rule kernels:
-    # compile the numba kernels once, outside any timed or parallel job
+    # compile the numba kernels once, outside any timed or parallel job. Changed kernels compile
+    # by themselves and concern their stages only, so nothing makes this run again. (An input
+    # marked `ancient` instead would hide what changed from the jobs behind it: Snakemake 9.27
+    # looks at no other reason of a job that follows one which runs.)
     output:
         touch("resources/kernels.ready"),
-    params:
-        identity=identity("kernels", {}),
     message:
         "Compiling the silhouette kernels"
     log:

@@ -13,8 +13,7 @@ rule joint:
         priors="results/{dataset}/priors/{chunk}.json",
         body_model=CONFIG.assets.body_model,
         exemplars=exemplar_files,
-        # only to be compiled beforehand: kernels made anew change no result
-        kernels=ancient("resources/kernels.ready"),
+        kernels="resources/kernels.ready",
     output:
         index="results/{dataset}/joint/{method}/{chunk}.json",
         seconds="results/{dataset}/joint/{method}/{chunk}.seconds.json",

@@ -6,8 +6,7 @@ rule objectfit:
         frames="results/{dataset}/frames/{chunk}.json",
         detections="results/{dataset}/detect/{chunk}.json",
         exemplars=exemplar_files,
-        # only to be compiled beforehand: kernels made anew change no result
-        kernels=ancient("resources/kernels.ready"),
+        kernels="resources/kernels.ready",
     output:
         index="results/{dataset}/objectfit/{search}/{chunk}.json",
         seconds="results/{dataset}/objectfit/{search}/{chunk}.seconds.json",
