@@ -6,8 +6,12 @@ from hoi.report import asset_files
 
 
 def drawing_identity(script, settings):
-    """Drawings depend on their templates, too."""
-    return identity(script, settings) | {"templates": files_digest(asset_files())}
+    """Drawings depend on their templates, too, and on what their scripts share."""
+    shared = Path(workflow.basedir) / "workflow" / "scripts" / "frame_artifacts.py"
+    return identity(script, settings) | {
+        "templates": files_digest(asset_files()),
+        "shared": code_digest(str(shared)),
+    }
 
 
 def methods_of(dataset):
@@ -77,6 +81,7 @@ rule page:
         ),
     params:
         methods=lambda wildcards: list(methods_of(wildcards.dataset)),
+        frames=lambda wildcards: frame_labels([page_chunk(wildcards)]),
         identity=drawing_identity("page", CONFIG.report),
     message:
         "Drawing the page of {wildcards.frame}"
@@ -121,6 +126,7 @@ rule gallery:
     params:
         methods=lambda wildcards: list(methods_of(wildcards.dataset)),
         shown=lambda wildcards: shown_frames(wildcards.group),
+        frames=lambda wildcards: frame_labels(chunks_of(wildcards.group)),
         identity=drawing_identity("gallery", CONFIG.report),
     message:
         "Drawing the gallery of {wildcards.group}"
@@ -138,6 +144,7 @@ rule scenes:
         "results/{dataset}/scenes/{chunk}.json",
     params:
         method="ours",
+        frames=lambda wildcards: frame_labels([chunk_named(wildcards.chunk)]),
         identity=drawing_identity("scenes", CONFIG.report),
     message:
         "Writing the scenes of {wildcards.chunk}"
@@ -166,6 +173,7 @@ rule overview:
         "docs/overview.jpg",
     params:
         frame=OVERVIEW_FRAME,
+        frames=lambda wildcards: frame_labels([frame_chunk("behave_mini", OVERVIEW_FRAME)]),
         method="ours",
         identity=drawing_identity("overview", OVERVIEW_CONFIG),
     message:

@@ -31,11 +31,16 @@ class FrameArtifacts:
     Args:
         inputs: a job's named inputs: indexes, one or several a stage.
         methods: names whose ``<method>_objects``, ``_joints`` and ``_evaluations`` to read.
+        labels: frame id -> data set, category, object_name and action, for frames that could not
+            be read and so cannot say it themselves.
     """
 
-    def __init__(self, inputs: Mapping, methods: Sequence[str]):
+    def __init__(
+        self, inputs: Mapping, methods: Sequence[str], labels: Mapping[str, Mapping[str, str]]
+    ):
         self.inputs = inputs
         self.methods = methods
+        self.labels = labels
         self._libraries: dict[str, list[Exemplar]] = {}
 
     def frame_ids(self) -> Iterator[str]:
@@ -45,7 +50,7 @@ class FrameArtifacts:
     def frame(self, frame_id: str) -> Frame:
         frame = self._read(Frame, "frames", frame_id)
         assert frame is not None
-        return frame
+        return frame if frame.ok else frame.model_copy(update=dict(self.labels[frame_id]))
 
     def detection(self, frame_id: str) -> Detection | None:
         return self._read(Detection, "detections", frame_id)

@@ -11,7 +11,7 @@ from hoi.report.gallery import card_of, gallery_page
 from hoi.report.overlay import frame_thumbnail
 
 config = ReportConfig(**snakemake.params.identity["settings"])
-artifacts = FrameArtifacts(snakemake.input, snakemake.params.methods)
+artifacts = FrameArtifacts(snakemake.input, snakemake.params.methods, snakemake.params.frames)
 shown = set(snakemake.params.shown)
 faces = BodyModel.load(Path(snakemake.input.body_model[0])).faces
 cards = []

@@ -11,7 +11,7 @@ from hoi.report.overlay import frame_overlays, jpeg, overview
 
 config = ReportConfig(**snakemake.params.identity["settings"])
 frame_id = snakemake.params.frame
-artifacts = FrameArtifacts(snakemake.input, [snakemake.params.method])
+artifacts = FrameArtifacts(snakemake.input, [snakemake.params.method], snakemake.params.frames)
 with logged(snakemake):
     frame = artifacts.frame(frame_id)
     (view,) = artifacts.views(frame_id)

@@ -11,7 +11,7 @@ from hoi.report.page import frame_page
 
 config = ReportConfig(**snakemake.params.identity["settings"])
 frame_id = snakemake.wildcards.frame
-artifacts = FrameArtifacts(snakemake.input, snakemake.params.methods)
+artifacts = FrameArtifacts(snakemake.input, snakemake.params.methods, snakemake.params.frames)
 with logged(snakemake):
     frame = artifacts.frame(frame_id)
     page = frame_page(

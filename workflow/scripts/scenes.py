@@ -15,7 +15,7 @@ from hoi.report.scene import write_scene_glb
 config = ReportConfig(**snakemake.params.identity["settings"])
 index = Path(snakemake.output[0])
 folder = index.parent
-artifacts = FrameArtifacts(snakemake.input, [snakemake.params.method])
+artifacts = FrameArtifacts(snakemake.input, [snakemake.params.method], snakemake.params.frames)
 faces = BodyModel.load(Path(snakemake.input.body_model)).faces
 written = {}
 with logged(snakemake):
