@@ -77,7 +77,7 @@ def photos_layout(table: pd.DataFrame) -> LaidOutTable:
     return LaidOutTable(
         f"Photos: {came_through} of {len(records)} reconstructed",
         "Size: width x height x depth of the object in metres. Mask: how the object was cut out; "
-        "`box` means that its box had to do.",
+        "names with `box`: its box had to do.",
         "Photo",
         (("", ("object", "status", "action", "size", "mask", "seconds")),),
         rows,
