@@ -11,7 +11,12 @@ import torch
 from hoi.joint.config import Schedule
 from hoi.joint.optimise import Evaluated, Objective, adam, best_depth, lbfgs, minimise
 from hoi.joint.problem import choose_hypotheses
-from hoi.joint.select import choose, occlusion_order_violation, rule_text
+from hoi.joint.select import (
+    choose,
+    occlusion_order_violation,
+    order_violation_by_depth,
+    rule_text,
+)
 from hoi.joint.terms import Placement
 from hoi.rendering import Roi
 from joint_scene import (
@@ -99,6 +104,20 @@ def test_the_depth_grid_finds_the_scale_that_contact_wants():
     assert Placement(problem, found).scale.item() == pytest.approx(1.0, abs=0.04)
 
 
+def test_the_depth_grid_listens_to_who_hides_whom():
+    scene = sitting_scene()
+    config = method_config("ours")
+    problem = problem_of(scene, config)
+
+    def only_near(factors: torch.Tensor) -> torch.Tensor:
+        return 100.0 * (factors[:, None] > 0.8).float()
+
+    found = best_depth(problem, config.terms, 29, 0.35, only_near)
+    assert Placement(problem, found).scale.item() < 0.81
+    free = best_depth(problem, config.terms, 29, 0.35)
+    assert Placement(problem, free).scale.item() > 0.9
+
+
 @pytest.mark.parametrize("name, within", [("ours", 0.06), ("paper", 0.35)])
 def test_contact_pulls_the_chair_to_the_right_depth(name, within):
     scene = sitting_scene()
@@ -142,6 +161,23 @@ def test_an_object_behind_the_person_it_hides_violates_the_order(object_depth, e
     inputs = replace(inputs_of(sitting_scene()), object_mask=mask, person_mask=~mask, roi=REGION)
     found = occlusion_order_violation([thing], [CUBE_FACES], [person], CUBE_FACES, inputs, 64, 0.02)
     assert found[0] == pytest.approx(expected, abs=0.05)
+
+
+def test_the_order_at_many_depths_is_that_of_the_scaled_object():
+    thing, person = CUBE * 0.4 + [0.1, 0, 3.0], CUBE * [1, 1, 0.2] + [0, 0, 3.0]
+    mask = np.zeros((HEIGHT, WIDTH), bool)
+    mask[180:300, 260:330] = True
+    inputs = replace(inputs_of(sitting_scene()), object_mask=mask, person_mask=~mask, roi=REGION)
+    factors = np.array([0.5, 0.9, 1.0, 1.2])
+    found = order_violation_by_depth(
+        [thing], [CUBE_FACES], [person], CUBE_FACES, inputs, 64, 0.02, factors
+    )
+    for factor, at_once in zip(factors, found, strict=True):
+        alone = occlusion_order_violation(
+            [factor * thing], [CUBE_FACES], [person], CUBE_FACES, inputs, 64, 0.02
+        )
+        assert at_once == pytest.approx(alone, abs=0.01)
+    assert found.min() < found.max()
 
 
 def test_an_object_out_of_sight_counts_as_a_full_violation():

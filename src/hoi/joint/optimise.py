@@ -30,6 +30,8 @@ class Evaluated:
 
 
 Objective = Callable[[Tensor], Evaluated]
+#: (S,) factors of the starts' scales -> (S, K) what these depths cost besides the loss.
+DepthCost = Callable[[Tensor], Tensor]
 
 
 @dataclass(frozen=True)
@@ -67,23 +69,34 @@ def _finite(terms: Tensor, gradient: Tensor) -> Evaluated:
     return Evaluated(total, torch.where(good[:, None], gradient, 0.0), terms)
 
 
-def minimise(problem: Problem, terms: Mapping[TermName, float], schedule: Schedule) -> Optimum:
+def minimise(
+    problem: Problem,
+    terms: Mapping[TermName, float],
+    schedule: Schedule,
+    depth_cost: DepthCost | None = None,
+) -> Optimum:
     """Depth grid, then the schedule's optimiser, from `problem.start`."""
     start = problem.start
     if schedule.depth_grid > 1:
-        start = best_depth(problem, terms, schedule.depth_grid, schedule.depth_grid_range)
+        steps, span = schedule.depth_grid, schedule.depth_grid_range
+        start = best_depth(problem, terms, steps, span, depth_cost)
     objective = objective_of(problem, terms)
     run = adam if schedule.optimiser == "adam" else lbfgs
     return run(objective, start, schedule)
 
 
 def best_depth(
-    problem: Problem, terms: Mapping[TermName, float], steps: int, span: float
+    problem: Problem,
+    terms: Mapping[TermName, float],
+    steps: int,
+    span: float,
+    depth_cost: DepthCost | None = None,
 ) -> Tensor:
     """Variables (K, D) with the log scale of the lowest loss among `steps` within +-`span`.
 
     Scaling about the camera centre moves no pixel, so this is a search along the viewing ray, and
-    the silhouette terms need not be computed.
+    the silhouette terms need not be computed. `depth_cost` adds what has no gradient to follow:
+    an object that starts on the wrong side of the person seldom finds the way through.
     """
     seen: dict[TermName, float] = {
         name: weight for name, weight in terms.items() if name not in SCALE_BLIND
@@ -98,6 +111,8 @@ def best_depth(
             variables[:, _LOG_SCALE] += offset
             losses.append(weighted_terms(problem, seen, variables).sum(0))
         table = torch.nan_to_num(torch.stack(losses), nan=torch.inf)
+        if depth_cost is not None:
+            table = table + depth_cost(offsets.exp())
         # of equal losses the one nearest to the size prior
         best = (table + 1e-9 * offsets.abs()[:, None]).argmin(0)
     start = problem.start.clone()

@@ -1,4 +1,7 @@
-"""Which of the optimised hypotheses is kept. Sees the image and the priors, never the truth."""
+"""Who hides whom: at which depth a hypothesis starts and which one is kept in the end.
+
+Sees the image and the priors, never the truth.
+"""
 
 from __future__ import annotations
 
@@ -29,6 +32,26 @@ def occlusion_order_violation(
     Returns:
         (K,) in 0..1; 1 for an object that cannot be seen in the region.
     """
+    return order_violation_by_depth(
+        object_vertices, object_faces, body_vertices, body_faces, inputs, resolution, tolerance,
+        np.ones(1),
+    )[0]  # fmt: skip
+
+
+def order_violation_by_depth(
+    object_vertices: list[np.ndarray],
+    object_faces: list[np.ndarray],
+    body_vertices: list[np.ndarray],
+    body_faces: np.ndarray,
+    inputs: Inputs,
+    resolution: int,
+    tolerance: float,
+    factors: np.ndarray,
+) -> np.ndarray:
+    """The same, (S, K), for objects scaled about the camera centre by each of `factors` (S,).
+
+    Such a scaling moves no pixel and multiplies all depths, so one depth map serves all.
+    """
     crop = intrinsics_for(inputs.roi, inputs.intrinsics, resolution)
     thing = crop_mask(inputs.object_mask, inputs.roi, resolution) > 0.5
     person = crop_mask(inputs.person_mask, inputs.roi, resolution) > 0.5
@@ -38,10 +61,12 @@ def occlusion_order_violation(
         of_body = depth_map(body, body_faces, crop, resolution, resolution)
         visible = np.isfinite(of_object)
         both = visible & np.isfinite(of_body)
-        gap = np.where(both, of_object, 0) - np.where(both, of_body, 0)  # > 0: object behind
-        wrong = both & ((thing & ~person & (gap > tolerance)) | (person & (gap < -tolerance)))
-        violations.append(wrong.sum() / visible.sum() if visible.any() else 1.0)
-    return np.array(violations)
+        gaps = factors[:, None] * of_object[both] - of_body[both]  # > 0: object behind
+        hidden, hiding = (thing & ~person)[both], person[both]
+        wrong = (hidden & (gaps > tolerance)) | (hiding & (gaps < -tolerance))
+        seen = max(int(visible.sum()), 1)
+        violations.append(wrong.sum(1) / seen if visible.any() else np.ones(len(factors)))
+    return np.stack(violations, 1)
 
 
 def rule_text(order_weight: float) -> str:

@@ -14,9 +14,14 @@ from hoi.exemplars import Exemplar, load_library
 from hoi.geometry import rotation_6d_to_matrix
 from hoi.joint.config import JointConfig
 from hoi.joint.inputs import Inputs
-from hoi.joint.optimise import Optimum, minimise
+from hoi.joint.optimise import DepthCost, Optimum, minimise
 from hoi.joint.problem import BodyRegions, Problem, build_problem
-from hoi.joint.select import choose, occlusion_order_violation, rule_text
+from hoi.joint.select import (
+    choose,
+    occlusion_order_violation,
+    order_violation_by_depth,
+    rule_text,
+)
 from hoi.joint.signed_distance import surface_distance
 from hoi.joint.terms import Placement
 
@@ -60,13 +65,31 @@ class JointStage:
         inputs = Inputs.gather(frame, detection, body, objects, prior, config.roi_margin)
         library = self._library(inputs.category)
         problem = build_problem(config, inputs, interaction, library, self.regions, seed)
-        optimum = minimise(problem, config.terms, config.chosen_schedule)
+        order = self._order_cost(inputs, problem) if config.depth_order_weight > 0 else None
+        optimum = minimise(problem, config.terms, config.chosen_schedule, order)
         return self._result(frame.frame_id, interaction.action, inputs, problem, optimum)
 
     def _library(self, category: str) -> list[Exemplar]:
         if category not in self._libraries:
             self._libraries[category] = load_library(self.exemplars_dir, category)
         return self._libraries[category]
+
+    def _order_cost(self, inputs: Inputs, problem: Problem) -> DepthCost:
+        """Weighted occlusion-order violation (S, K) of the starts at S factors of their scale."""
+        config, exemplars = self.config, problem.object.exemplars
+        with torch.no_grad():
+            vertices = Placement(problem, problem.start).vertices.numpy()
+        objects = [v[: len(e.vertices)] for v, e in zip(vertices, exemplars, strict=True)]
+
+        def cost(factors: torch.Tensor) -> torch.Tensor:
+            violation = order_violation_by_depth(
+                objects, [e.faces for e in exemplars], [inputs.body_vertices] * len(objects),
+                self.regions.faces, inputs, config.order_resolution, config.order_tolerance,
+                factors.double().numpy(),
+            )  # fmt: skip
+            return config.depth_order_weight * torch.from_numpy(violation).float()
+
+        return cost
 
     def _result(
         self, frame_id: str, action: str, inputs: Inputs, problem: Problem, optimum: Optimum
