@@ -155,7 +155,9 @@ def object_failure(
         low = score < config.object_threshold
         near = "too low" if low else "but lies too far away or on the person"
         reason = f"the best box ({label}) scores {score:.2f}, {near}"
-    noun = "known object" if category in ANY_CATEGORY else category
+    noun, advice = category, ""
+    if category in ANY_CATEGORY:
+        noun, advice = "sure object", "; name the object (objects.yaml), and less is enough"
     return FrameFailure(
         "no_object_detected",
         f"no {noun} next to the person: {reason}; the threshold is {config.object_threshold}",
