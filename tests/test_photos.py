@@ -61,7 +61,9 @@ def test_the_surest_object_is_meant_even_if_it_has_no_exemplars():
 def test_an_object_that_nobody_named_must_be_seen_for_sure():
     assert name_of(PERSON, box("chair", 0.3, *CHAIR_BOX)) is None
     unsure = registry_stage([PERSON, box("chair", 0.3, *CHAIR_BOX)])
-    assert status_of(unsure, frame(category="auto")) == "no_object_detected"
+    with pytest.raises(FrameFailure, match="name the object") as caught:
+        unsure(frame(category="auto"), seed=0)
+    assert caught.value.status == "no_object_detected"
 
 
 def test_nothing_or_nobody_has_no_name():
