@@ -5,6 +5,7 @@ Every sentence that the documentation says about reruns is proven here by runnin
 
 from __future__ import annotations
 
+import html
 import json
 import os
 import re
@@ -17,8 +18,11 @@ import pandas as pd
 import pytest
 import yaml
 
+from test_report_browser import CHROMIUM, QUIET
+
 REPO = Path(__file__).parents[1]
 TABLE = "results/behave_chair.csv"
+GALLERY = "results/behave/gallery/chair.html"
 TINY = {
     "dataset": "behave",
     "frames": "all",
@@ -54,7 +58,7 @@ class Checkout:
         (self.folder / "config" / "tiny.yaml").write_text(yaml.safe_dump(tiny))
 
     def run(self, *arguments: str, target: str | None = TABLE, check: bool = True):
-        command = [sys.executable, "-m", "snakemake", *([target] if target else []), "-j2"]
+        command = [sys.executable, "-m", "snakemake", *(target or "").split(), "-j2"]
         command += ["--configfile", "config/tiny.yaml", *arguments]
         done = subprocess.run(
             command,
@@ -265,12 +269,57 @@ def test_frames_alone_and_with_any_number_of_jobs_give_the_same_bytes(
     assert digests(other) == digests(done)
 
 
-def test_a_frame_without_its_image_is_a_row_not_a_crash(done):
+CLICK_THROUGH = """<script>
+(async () => {
+  const wait = () => new Promise((done) => setTimeout(done, 200));
+  const texts = (query) => Array.from(document.querySelectorAll(query), (e) => e.innerText.trim());
+  while (!app || !document.querySelector("nav ul li")) await wait();
+  const seen = { menu: texts("nav ul li") };
+  for (const category of Object.keys(categories)) {
+    app.setView({ navbarMode: "menu" });
+    await wait();
+    app.showCategory(category);
+    await wait();
+    seen[category] = texts("nav tbody tr");
+    document.querySelector("nav tbody a").click();
+    await wait();
+    const shown = document.querySelector("iframe");
+    seen[category + " shows"] = shown ? shown.src.slice(0, 14) : "";
+  }
+  const page = document.createElement("pre");
+  page.id = "seen";
+  page.textContent = JSON.stringify(seen);
+  document.body.replaceChildren(page);
+})();
+</script></body>"""
+
+
+def clicked_through(report: Path, folder: Path) -> dict:
+    """What the report lists and opens in a browser, by category."""
+    opened = folder / "report.html"
+    opened.write_text(CLICK_THROUGH.join(report.read_text().rsplit("</body>", 1)))
+    browser = subprocess.run(
+        [str(CHROMIUM), *QUIET, f"--user-data-dir={folder / 'profile'}"]
+        + ["--virtual-time-budget=20000", "--dump-dom", opened.as_uri()],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env=os.environ | {"HOME": str(folder)},
+    )
+    console = [line for line in browser.stderr.splitlines() if ":CONSOLE" in line]
+    assert not [line for line in console if "rror" in line], console
+    found = re.search(r'<pre id="seen">(.*?)</pre>', browser.stdout, re.DOTALL)
+    assert found, browser.stderr
+    return json.loads(html.unescape(found[1]))
+
+
+def test_a_frame_without_its_image_is_a_row_a_card_and_a_page_not_a_crash(done, tmp_path):
     image = next(done.behave.rglob("*hand*/t*/k1.color.jpg"))
     hidden = image.with_suffix(".hidden")
     image.rename(hidden)
     try:
-        done.run()
+        done.run(target=f"{TABLE} {GALLERY}")
+        done.run("--report", "report.html", target=f"{TABLE} {GALLERY}")
         table = pd.read_csv(done.folder / TABLE).set_index(["action", "method"])
         assert table.loc[("hand", "ours"), "n_failed"] == 1
         assert table.loc[("sit", "ours"), "n"] == 1
@@ -279,6 +328,25 @@ def test_a_frame_without_its_image_is_a_row_not_a_crash(done):
     finally:
         hidden.rename(image)
         done.run()
+    pages = done.folder / "results/behave/pages"
+    whole, broken = (pages / f"{sequence}-t0003.000.html" for sequence in SEQUENCES)
+    assert 'data-scene="ours"' in whole.read_text() and "image missing" not in whole.read_text()
+    for path in (broken, done.folder / GALLERY):
+        text = path.read_text()
+        assert "image missing" in text and "k1.color.jpg does not exist" in text
+        assert "behave · chair" in text and "· hand" in text  # the plan knows, the frame cannot
+    report = done.folder / "report.html"
+    assert report.stat().st_size < 8e6
+
+    if CHROMIUM is None:
+        pytest.skip("the report was made, but there is no Chromium to open it")
+    seen = clicked_through(report, tmp_path)
+    assert seen["menu"][-3:] == ["1 Tables", "2 Gallery", "3 Frames"]
+    assert seen["1 Tables"] == ["chair"] and seen["2 Gallery"] == ["chair"]
+    assert seen["3 Frames"] == [
+        f"{name.rsplit('_', 1)[1]} · {name}-t0003.000" for name in sorted(SEQUENCES)
+    ]
+    assert {seen[f"{name} shows"] for name in seen["menu"][-3:]} == {"data:text/html"}
 
 
 def test_no_target_means_everything(done):
