@@ -160,5 +160,6 @@ def object_failure(
         noun, advice = "sure object", "; name the object (objects.yaml), and less is enough"
     return FrameFailure(
         "no_object_detected",
-        f"no {noun} next to the person: {reason}; the threshold is {config.object_threshold}",
+        f"no {noun} next to the person: {reason}; "
+        f"the threshold is {config.object_threshold}{advice}",
     )
