@@ -15,7 +15,7 @@ import io
 import json
 import zipfile
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeAlias
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
@@ -47,13 +47,22 @@ def Array(dtype: str, *shape: int | None):
     return Annotated[np.ndarray, BeforeValidator(check)]
 
 
-Image = Array("uint8", None, None, 3)
-Mask = Array("bool", None, None)
-Points3 = Array("float32", None, 3)
-Faces = Array("int64", None, 3)
-Vector3 = Array("float64", 3)
-Matrix3 = Array("float64", 3, 3)
-Box = Array("float64", 4)  # x0, y0, x1, y1 in pixels
+if TYPE_CHECKING:  # what a type checker sees: arrays
+    Image: TypeAlias = np.ndarray
+    Mask: TypeAlias = np.ndarray
+    Points3: TypeAlias = np.ndarray
+    Faces: TypeAlias = np.ndarray
+    Vector3: TypeAlias = np.ndarray
+    Matrix3: TypeAlias = np.ndarray
+    Box: TypeAlias = np.ndarray
+else:  # what pydantic checks
+    Image = Array("uint8", None, None, 3)
+    Mask = Array("bool", None, None)
+    Points3 = Array("float32", None, 3)
+    Faces = Array("int64", None, 3)
+    Vector3 = Array("float64", 3)
+    Matrix3 = Array("float64", 3, 3)
+    Box = Array("float64", 4)  # x0, y0, x1, y1 in pixels
 
 
 class Artifact(BaseModel):

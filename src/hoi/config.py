@@ -31,23 +31,27 @@ POSE_DATABASE = "src/hoi/data/poses/database.npz"
 class BehaveConfig(Settings):
     """The licensed data set, when the user has it."""
 
-    root: str | None = Field(None, description="folder with split.json, sequences/, calibs/")
+    root: str | None = Field(
+        default=None, description="folder with split.json, sequences/, calibs/"
+    )
 
 
 class AssetsConfig(Settings):
     """Licensed or own files that replace the embedded ones."""
 
     body_model: str = Field(
-        DEFAULT_BODY_MODEL, description="SMPL .pkl or .npz, or the embedded CC0 body"
+        default=DEFAULT_BODY_MODEL, description="SMPL .pkl or .npz, or the embedded CC0 body"
     )
-    pose_database: str = Field(POSE_DATABASE, description="labelled poses (npz)")
+    pose_database: str = Field(default=POSE_DATABASE, description="labelled poses (npz)")
 
 
 class MethodConfig(Settings):
     """One method of the tables: an object search and a joint optimisation."""
 
-    search: str = Field("upright", description="a key of objectfit")
-    joint: dict[str, Any] = Field({}, description="settings of the joint stage, see JointConfig")
+    search: str = Field(default="upright", description="a key of objectfit")
+    joint: dict[str, Any] = Field(
+        default={}, description="settings of the joint stage, see JointConfig"
+    )
 
 
 class TablesConfig(Settings):
@@ -64,11 +68,11 @@ class RunConfig(Settings):
     dataset: Literal["auto", "behave", "behave_mini"] = "auto"
     split: Literal["test", "tune", "train"] = "test"
     frames: PositiveInt | Literal["default", "all"] = Field(
-        "default", description="frames per action"
+        default="default", description="frames per action"
     )
-    seed: int = Field(0, ge=0)
-    chunk_size: PositiveInt = Field(8, description="frames a job works through")
-    memo: str = Field(".cache/hoi", description="folder that remembers what was computed")
+    seed: int = Field(default=0, ge=0)
+    chunk_size: PositiveInt = Field(default=8, description="frames a job works through")
+    memo: str = Field(default=".cache/hoi", description="folder that remembers what was computed")
     behave: BehaveConfig = BehaveConfig()
     behave_mini: BehaveMiniConfig = BehaveMiniConfig()
     photos: PhotosConfig = PhotosConfig()
@@ -77,10 +81,10 @@ class RunConfig(Settings):
     detect: DetectConfig = DetectConfig()
     detect_photos: DetectConfig = DetectConfig(masks="prefer_given", keypoints="registry")
     smplify: SmplifyConfig = SmplifyConfig()
-    objectfit: dict[str, ObjectFitConfig] = Field({}, description="named searches")
+    objectfit: dict[str, ObjectFitConfig] = Field(default={}, description="named searches")
     actions: ActionsConfig = ActionsConfig()
     priors: PriorsConfig = PriorsConfig()
-    methods: dict[str, MethodConfig] = Field({}, description="named methods")
+    methods: dict[str, MethodConfig] = Field(default={}, description="named methods")
     tables: TablesConfig = TablesConfig()
     evaluate: EvaluateConfig = EvaluateConfig()
     report: ReportConfig = ReportConfig()

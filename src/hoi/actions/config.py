@@ -21,28 +21,32 @@ class ActionsConfig(Settings):
     """How a pose becomes an action [paper 3.2]."""
 
     metric: Literal["rotation_matrix", "axis_angle"] = Field(
-        "rotation_matrix",
+        default="rotation_matrix",
         description="what the Euclidean distance is taken over. axis_angle: the model's own "
         "rotation vectors, as in the paper; rotation_matrix: nine numbers a joint, without their "
         "2 pi wrap",
     )
-    joints: tuple[str, ...] = Field(COMPARED_JOINTS, description="joints that are compared")
+    joints: tuple[str, ...] = Field(default=COMPARED_JOINTS, description="joints that are compared")
     tilt_weight: float = Field(
-        2.0,
+        default=2.0,
         ge=0,
         description="weight of the pelvis's tilt against gravity, taking the image's up for up. "
         "The paper compares joints only (0), which cannot tell a squat from a seat; at 1.4 a tilt "
         "counts like the rotation of one joint",
     )
     min_conceptnet_weight: float = Field(
-        1.0, description="ConceptNet edges below this weight are no actions [3.2: 1]"
+        default=1.0, description="ConceptNet edges below this weight are no actions [3.2: 1]"
     )
-    runners_up: int = Field(10, ge=0, description="most nearest poses of other actions recorded")
+    runners_up: int = Field(
+        default=10, ge=0, description="most nearest poses of other actions recorded"
+    )
 
 
 class DatabaseConfig(Settings):
     """How the authored base poses are multiplied into the database."""
 
-    variants: int = Field(16, ge=1, description="draws from the ranges of each base pose")
-    jitter_degrees: float = Field(3.0, ge=0, description="sd of the noise on each compared joint")
-    seed: int = Field(0, ge=0, description="seed of the draws")
+    variants: int = Field(default=16, ge=1, description="draws from the ranges of each base pose")
+    jitter_degrees: float = Field(
+        default=3.0, ge=0, description="sd of the noise on each compared joint"
+    )
+    seed: int = Field(default=0, ge=0, description="seed of the draws")

@@ -11,16 +11,21 @@ AUTO = "auto"
 class PhotosConfig(Settings):
     """Where photos are, what is in them, and what is assumed of a camera that does not say."""
 
-    folder: str = Field("examples/photos", description="jpg, png and webp files are read")
+    folder: str = Field(default="examples/photos", description="jpg, png and webp files are read")
     objects: dict[str, str] = Field(
-        {},
+        default={},
         description="photo (file name without suffix) -> object category; goes before the files "
         "<photo>.yaml and objects.yaml in the folder",
     )
     default_object: str = Field(
-        AUTO, description="category of photos nobody named: auto lets the detector choose"
+        default=AUTO, description="category of photos nobody named: auto lets the detector choose"
     )
     default_field_of_view_deg: float = Field(
-        55.0, gt=5, lt=150, description="of the longer side, for photos without EXIF focal length"
+        default=55.0,
+        gt=5,
+        lt=150,
+        description="of the longer side, for photos without EXIF focal length",
     )
-    max_side: int = Field(2048, ge=128, description="larger photos are scaled down to this, pixels")
+    max_side: int = Field(
+        default=2048, ge=128, description="larger photos are scaled down to this, pixels"
+    )

@@ -28,6 +28,7 @@ class EvaluateStage:
                 f"{visible:.0%} of the object is visible, the protocol asks for "
                 f"{self.config.min_visible_fraction:.0%}",
             )
+        assert joint.body_vertices is not None and joint.object_vertices is not None
         (scale, rotation, translation), how = self._alignment(truth, joint)
 
         def aligned(vertices: np.ndarray) -> np.ndarray:
@@ -63,6 +64,7 @@ class EvaluateStage:
         """
         if self.config.align == "none":
             return (1.0, np.eye(3), np.zeros(3)), "none"
+        assert joint.body_vertices is not None and truth.body_vertices is not None
         if truth.body_model and truth.body_model == joint.body_model:
             return similarity_procrustes(joint.body_vertices, truth.body_vertices), "body vertices"
         if truth.body_joints is None or joint.body_joints is None:

@@ -62,9 +62,9 @@ def summarise(
     """
     rows = []
     for method in methods:
-        of_method = frames[frames["method"] == method]
+        of_method = frames.loc[frames["method"] == method]
         per_action = [
-            _row(rows_of_action, category, action, method, masks, failure_cm)
+            _row(rows_of_action, category, str(action), method, masks, failure_cm)
             for action, rows_of_action in sorted(of_method.groupby("action"), key=_by_rank)
         ]
         rows.extend(per_action)
@@ -82,8 +82,8 @@ def _by_rank(group: tuple) -> tuple[int, str]:
 def _row(
     frames: pd.DataFrame, category: str, action: str, method: str, masks: str, failure_cm: float
 ) -> dict:
-    done = frames[frames["status"] == "ok"]
-    human, thing = done["human_cm"].astype(float), done["object_cm"].astype(float)
+    done = frames.loc[frames["status"] == "ok"]
+    human, thing = (pd.Series(done[name], dtype=float) for name in ("human_cm", "object_cm"))
     protocols = sorted(set(done["protocol"]) - {""})
     return {
         "dataset": " ".join(sorted(set(frames["dataset"]))),
@@ -106,7 +106,7 @@ def _row(
 
 
 def _average(rows: list[dict]) -> dict:
-    average = dict(rows[0], action="avg")
+    average: dict = rows[0] | {"action": "avg"}
     average["protocol"] = next((row["protocol"] for row in rows if row["protocol"]), "")
     for column in ("n", "n_failed"):
         average[column] = sum(row[column] for row in rows)

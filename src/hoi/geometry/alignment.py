@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 
 def similarity_procrustes(
@@ -60,6 +60,6 @@ def chamfer_distance(first: np.ndarray, second: np.ndarray) -> float:
     The definition of CHORE's and RHOBIN's evaluation, which the paper's numbers follow.
     Two samples of the same surface do not score zero: 10,000 points of a person give about 1.3 cm.
     """
-    to_second = cKDTree(second).query(first)[0].mean()
-    to_first = cKDTree(first).query(second)[0].mean()
+    to_second = KDTree(second).query(first)[0].mean()
+    to_first = KDTree(first).query(second)[0].mean()
     return float(to_second + to_first)

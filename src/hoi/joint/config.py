@@ -166,7 +166,7 @@ class JointConfig(Settings):
         description="share around the mask, used when the object fit names no region",
     )
     order_weight: float = Field(
-        3.0,
+        default=3.0,
         ge=0,
         description="selection: weight of the occlusion-order violation; 0: loss alone. On the "
         "tuning split of behave_mini 1, 3 and 10 gave 15.5, 12.5 and 12.3 cm",

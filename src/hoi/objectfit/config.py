@@ -80,41 +80,53 @@ class ObjectFitConfig(Settings):
     """
 
     init: Literal["upright", "so3"] = Field(
-        "upright",
+        default="upright",
         description="starts: upright objects before a level camera, or [3.1] uniform rotations. "
         "Poses may tilt freely afterwards in both",
     )
-    num_starts: PositiveInt = Field(400, description="start poses per exemplar (PHOSA: 2000)")
-    yaw_deg: Range = Field((0.0, 360.0), description="upright: turn about the object's up axis")
-    pitch_deg: Range = Field((-3.0, 26.0), description="upright: how far the camera looks down")
-    roll_deg: Range = Field((-8.0, 8.0), description="upright: roll of the camera")
+    num_starts: PositiveInt = Field(
+        default=400, description="start poses per exemplar (PHOSA: 2000)"
+    )
+    yaw_deg: Range = Field(
+        default=(0.0, 360.0), description="upright: turn about the object's up axis"
+    )
+    pitch_deg: Range = Field(
+        default=(-3.0, 26.0), description="upright: how far the camera looks down"
+    )
+    roll_deg: Range = Field(default=(-8.0, 8.0), description="upright: roll of the camera")
     schedule: Literal["fast", "paper"] = "fast"
     fast: Schedule = FAST
     paper: Schedule = PAPER
     prune_by: PositiveInt = Field(
-        4, description="an exemplar enters the first step by the mean of its so many best scores"
+        default=4,
+        description="an exemplar enters the first step by the mean of its so many best scores",
     )
-    top_exemplars: PositiveInt = Field(5, description="[3.1] exemplars kept")
-    poses_per_exemplar: PositiveInt = Field(2, description="poses kept of each; paper: 1")
+    top_exemplars: PositiveInt = Field(default=5, description="[3.1] exemplars kept")
+    poses_per_exemplar: PositiveInt = Field(default=2, description="poses kept of each; paper: 1")
     distinct_deg: NonNegativeFloat = Field(
-        20.0, description="kept poses of one exemplar differ by at least this angle"
+        default=20.0, description="kept poses of one exemplar differ by at least this angle"
     )
     min_mask_pixels: PositiveInt = Field(
-        64, description="a smaller visible mask fails the frame: empty_object_mask"
+        default=64, description="a smaller visible mask fails the frame: empty_object_mask"
     )
     roi_margin: NonNegativeFloat = Field(
-        0.3, description="the region reaches beyond the mask's box by this share of its side"
+        default=0.3,
+        description="the region reaches beyond the mask's box by this share of its side",
     )
     keep_threshold: float = Field(
-        0.25, ge=0, le=1, description="cells covered by the person more than this are ignored"
+        default=0.25,
+        ge=0,
+        le=1,
+        description="cells covered by the person more than this are ignored",
     )
     occluded_growth: NonNegativeFloat = Field(
-        0.35,
+        default=0.35,
         description="starts grow beyond the box of the visible mask by up to this share when the "
         "person cuts the object, in proportion to how much of its outline is cut",
     )
     cut_gain: NonNegativeFloat = Field(
-        3.0, description="growth is full when one in so many outline pixels touches the unknown"
+        default=3.0,
+        description="growth is full when one in so many outline pixels touches the unknown",
     )
 
     @model_validator(mode="after")

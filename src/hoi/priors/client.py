@@ -50,7 +50,7 @@ class Question(Settings):
     temperature: float = 0.0
     max_tokens: int = 64
     stop: tuple[str, ...] = ()
-    sample: int = Field(0, ge=0)
+    sample: int = Field(default=0, ge=0)
     template: str = ""  # where the prompt comes from, for people
 
     def key(self) -> str:
