@@ -67,6 +67,19 @@ def test_imports_inside_functions_and_relative_imports_count(package):
     assert read() != before
 
 
+def test_a_script_counts_by_content_wherever_the_checkout_lies(package, tmp_path):
+    root, _ = package
+    first, second = tmp_path / "here" / "run.py", tmp_path / "there" / "run.py"
+    for path in (first, second):
+        path.parent.mkdir()
+        path.write_text("from hoi.helper import K\n")
+    assert digest.code_digest(str(first)) == digest.code_digest(str(second))
+    before = digest.code_digest(str(first))
+    (root / "helper.py").write_text("K = 5\n")
+    digest.code_digest.cache_clear()
+    assert digest.code_digest(str(first)) != before
+
+
 def test_settings_swapped_between_names_differ():
     assert digest.json_digest({"a": 1, "b": 2}) != digest.json_digest({"a": 2, "b": 1})
     assert digest.json_digest({"a": 1, "b": 2}) == digest.json_digest({"b": 2, "a": 1})

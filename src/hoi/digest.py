@@ -53,15 +53,19 @@ def code_digest(*sources: str) -> str:
         sources: names of modules, or paths of scripts (ending in ``.py``).
     """
     closure: dict[str, str] = {}
+    seen: set[str] = set()
     pending = list(sources)
     while pending:
         module = pending.pop()
-        if module in closure:
+        if module in seen:
             continue
+        seen.add(module)
         path = Path(module) if module.endswith(".py") else _source(module)
         tree = ast.parse(path.read_text(encoding="utf-8"))
-        closure[module] = text_digest(ast.dump(_without_docstrings(tree)))
-        pending.extend(_imports(tree, module, is_package=path.name == "__init__.py"))
+        # a script counts by its name: where the checkout lies does not matter
+        name = path.name if module.endswith(".py") else module
+        closure[name] = text_digest(ast.dump(_without_docstrings(tree)))
+        pending.extend(_imports(tree, name, is_package=path.name == "__init__.py"))
     return json_digest(closure)
 
 

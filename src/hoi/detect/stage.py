@@ -191,8 +191,8 @@ class DetectStage:
         use_landmarks = config.landmarks == "registry" and pose is not None
         return Detection(
             frame_id=frame.frame_id,
-            person_box=subjects.person_box,
-            object_box=subjects.object_box,
+            person_box=np.asarray(subjects.person_box),
+            object_box=np.asarray(subjects.object_box),
             person_score=_score(subjects.person, subjects.person_mask),
             object_score=_score(subjects.object, subjects.object_mask),
             object_label=frame.category if seen is None else seen.label,
