@@ -27,6 +27,8 @@ config["memo"] = CONFIG.memo
 
 GROUPS = ("chair", "table", "keyboard", "backpack")
 DATASET = CONFIG.dataset_name
+if DATASET == "behave" and not CONFIG.behave_root.is_dir():
+    raise WorkflowError(f"behave.root: there is no folder {CONFIG.behave_root}")
 
 # The report lists its categories by name, so the names bring the order of reading.
 TABLES, GALLERY, FRAMES = "1 Tables", "2 Gallery", "3 Frames"
