@@ -98,6 +98,53 @@ def test_objects_are_named_by_config_then_by_file_then_by_folder(tmp_path):
     assert read_photo(config, refs[1]).intrinsics[0, 0] == pytest.approx(40)
 
 
+def test_notes_say_which_person_and_which_object_in_pixels_of_the_upright_photo(tmp_path):
+    save(tmp_path / "a.jpg", (400, 300))
+    (tmp_path / "objects.yaml").write_text(
+        "a: {object: chair, person: 2, box: [40, 20, 200, 180], person_point: [10, 30]}\n"
+    )
+    frame = only(tmp_path, max_side=200)
+    assert frame.category == "chair"
+    assert frame.hints.person == 2
+    assert frame.hints.object_box == (20, 10, 100, 90)
+    assert frame.hints.person_point == (5, 15)
+    assert frame.hints.object_point is None
+
+
+def test_notes_are_taken_key_by_key_the_runs_configuration_first(tmp_path):
+    save(tmp_path / "a.jpg")
+    (tmp_path / "objects.yaml").write_text("a: {object: chair, person: 2, point: [1, 1]}\n")
+    (tmp_path / "a.yaml").write_text("person: 3\npoint: [2, 2]\n")
+    config = PhotosConfig(folder=str(tmp_path), objects={"a": {"point": [3, 3]}})
+    (ref,) = list_photos(config)
+    notes = ref.notes
+    assert (notes.object, notes.person, notes.point) == ("chair", 3, (3, 3))
+
+
+@pytest.mark.parametrize(
+    "said", ["person: 0", "box: [1, 2, 3]", "box: [5, 5, 5, 9]", "point: here", "persn: 1"]
+)
+def test_notes_that_make_no_sense_are_named_with_photo_and_key(tmp_path, said):
+    save(tmp_path / "a.jpg")
+    (tmp_path / "objects.yaml").write_text(f"a: {{{said}}}")
+    with pytest.raises(ConfigError, match=rf"objects\.yaml: a: .*{said.split(':')[0]}"):
+        list_photos(PhotosConfig(folder=str(tmp_path)))
+
+
+def test_changed_notes_make_the_photo_another_one(tmp_path):
+    from hoi.config import RunConfig
+    from hoi.manifest import plan
+
+    save(tmp_path / "a.jpg")
+    digests = set()
+    for said in ("chair", "{object: chair, person: 1}", "{object: chair, box: [0, 0, 9, 9]}"):
+        (tmp_path / "objects.yaml").write_text(f"a: {said}")
+        photos = PhotosConfig(folder=str(tmp_path))
+        (chunk,) = plan(RunConfig(photos=photos, memo=str(tmp_path / "memo")), "photos")
+        digests.add(chunk.frames[0].digest)
+    assert len(digests) == 3
+
+
 def test_own_masks_are_read_at_the_stored_size(tmp_path):
     save(tmp_path / "a.jpg", (400, 300))
     mask = Image.new("L", (400, 300), 0)

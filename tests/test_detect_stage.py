@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from hoi.artifacts import Detection, Frame
+from hoi.artifacts import Detection, Frame, Hints
 from hoi.body.keypoints import KEYPOINT
 from hoi.detect import DetectConfig
 from hoi.detect.backends import DetectedBox, PersonPose
@@ -201,6 +201,50 @@ def test_a_second_person_fails_only_when_one_is_required():
     assert registry_stage(boxes)(frame(), seed=0).ok
     strict = REGISTRY.model_copy(update={"require_single_person": True})
     assert status_of(registry_stage(boxes, strict), frame()) == "several_people"
+
+
+def hinted(boxes, config=REGISTRY, crop_boxes=(), category="chair", **hints):
+    stage = registry_stage(boxes, config, crop_boxes=crop_boxes)
+    return stage(frame(category=category, hints=Hints(**hints)), seed=0)
+
+
+LEFT, RIGHT = box("person", 0.6, 0, 10, 40, 110), box("person", 0.9, 90, 10, 130, 110)
+
+
+def test_people_are_counted_from_the_left_whatever_their_scores():
+    for number, person in ((1, LEFT), (2, RIGHT)):
+        result = hinted([RIGHT, CHAIR, LEFT], person=number)
+        np.testing.assert_array_equal(result.person_box, person.box)
+    with pytest.raises(FrameFailure, match="person 3 from the left"):
+        hinted([RIGHT, CHAIR, LEFT], person=3)
+
+
+def test_a_point_chooses_the_person_however_small():
+    child = box("person", 0.3, 105, 80, 120, 100)
+    result = hinted([LEFT, child, CHAIR], person_point=(112, 90))
+    np.testing.assert_array_equal(result.person_box, child.box)
+    with pytest.raises(FrameFailure, match="person_box"):
+        hinted([LEFT, CHAIR], person_point=(112, 90))
+
+
+def test_a_point_chooses_the_object_whatever_its_score_or_class():
+    faint = box("chair", 0.06, 120, 20, 150, 50)
+    result = hinted([PERSON, CHAIR, faint], object_point=(130, 30))
+    np.testing.assert_array_equal(result.object_box, faint.box)
+    dog = box("dog", 0.4, 120, 20, 150, 50)
+    result = hinted([PERSON, CHAIR, dog], object_point=(130, 30), category="harp")
+    assert result.object_label == "dog"
+    with pytest.raises(FrameFailure, match="give the object's box"):
+        hinted([PERSON, CHAIR], object_point=(130, 30))
+
+
+def test_a_drawn_box_needs_no_detector_class():
+    result = hinted([PERSON, CHAIR], object_box=(100, 20, 150, 60), category="trashcan")
+    np.testing.assert_array_equal(result.object_box, (100, 20, 150, 60))
+    assert (result.object_label, result.object_score) == ("trashcan", None)
+    result = hinted([CHAIR], person_box=PERSON_BOX)
+    np.testing.assert_array_equal(result.person_box, PERSON_BOX)
+    assert result.person_score is None
 
 
 def test_equal_input_gives_equal_bytes():

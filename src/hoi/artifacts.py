@@ -189,6 +189,19 @@ class Record(BaseModel):
 # --------------------------------------------------------------------------------- inputs
 
 
+class Hints(Record):
+    """What the user said of who and what a photo is about, in pixels of its image.
+
+    Boxes are x0, y0, x1, y1. A box is taken as it is; a point chooses among what was detected.
+    """
+
+    person: int | None = None  # which of the people, counted from the left, starting with 1
+    person_box: tuple[float, float, float, float] | None = None
+    person_point: tuple[float, float] | None = None
+    object_box: tuple[float, float, float, float] | None = None
+    object_point: tuple[float, float] | None = None
+
+
 class Frame(Artifact):
     """One photo with its camera, and what the data set itself says is in it.
 
@@ -208,6 +221,7 @@ class Frame(Artifact):
     given_person_mask: Mask | None = None
     given_object_mask: Mask | None = None
     given_keypoints: Array("float32", None, 3) | None = None  # type: ignore[valid-type]
+    hints: Hints = Hints()
 
 
 class GroundTruth(Artifact):
@@ -228,12 +242,14 @@ class GroundTruth(Artifact):
 
 
 class Candidate(Record):
-    """One box that a detector proposed and what became of it."""
+    """One box that a detector proposed, what became of it and why."""
 
     label: str
     score: float
     box: tuple[float, float, float, float]
     verdict: str  # chosen, below_threshold, other_class, ...
+    reason: str = ""  # the same in words, with the numbers that decided
+    source: str = ""  # which detector, and in which part of the picture
 
 
 class Detection(Artifact):

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from hoi.config import RunConfig
 from hoi.datasets import behave_layout
+from hoi.datasets.photos_config import PhotoNotes
 from hoi.digest import file_digest, json_digest
 from hoi.exemplars.categories import known_categories
 from hoi.exemplars.vocabulary import exemplar_category
@@ -111,10 +112,17 @@ def _photos(config: RunConfig) -> list[FrameInfo]:
                 category=exemplar_category(ref.category, known),
                 object_name=ref.category,
                 action="",
-                digest=digests.of(photos.photo_files(folder, ref)),
+                digest=_noted(digests.of(photos.photo_files(folder, ref)), ref.notes),
             )
             for ref in photos.list_photos(config.photos)
         ]
+
+
+def _noted(digest: str, notes: PhotoNotes) -> str:
+    """The digest of a photo's files, and of what other files or settings say of it."""
+    said = notes.model_dump(mode="json", exclude_none=True)
+    said.pop("object", None)  # known as the frame's category and name
+    return json_digest([digest, said]) if said else digest
 
 
 def _info(ref: behave_layout.FrameRef, dataset: str, digest: str) -> FrameInfo:

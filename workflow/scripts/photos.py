@@ -39,7 +39,7 @@ def read(frame_id: str) -> Frame:
         return Frame.failed(frame_id, failure, "photos").model_copy(update=told)
     if category == AUTO and frame.image is not None:
         # where even the detector finds no name, its own stage says what it saw
-        known["category"] = namer()(frame.image) or AUTO
+        known["category"] = namer()(frame.image, frame.hints) or AUTO
     return frame.model_copy(update=known)
 
 

@@ -1,8 +1,9 @@
 """A folder of photos: orientation and focal length from EXIF, the object by name, own masks.
 
-Beside ``desk.jpg`` there may be ``desk.yaml`` (`object`, `field_of_view_deg` or `focal_px`),
-``desk.person_mask.png`` and ``desk.object_mask.png``; ``objects.yaml`` names the objects of the
-whole folder (photo: category).
+Beside ``desk.jpg`` there may be ``desk.yaml`` (the keys of
+:class:`hoi.datasets.photos_config.PhotoNotes`: the object, its box, which person, the camera),
+``desk.person_mask.png`` and ``desk.object_mask.png``; ``objects.yaml`` says the same of the whole
+folder, one line per photo: its object's category, or a mapping of those keys.
 """
 
 from __future__ import annotations
@@ -10,23 +11,23 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 from PIL import ExifTags, Image, ImageOps
+from pydantic import ValidationError
 
-from hoi.artifacts import Frame
+from hoi.artifacts import Frame, Hints
 from hoi.datasets.behave import open_image, read_mask
-from hoi.datasets.photos_config import PhotosConfig
+from hoi.datasets.photos_config import PhotoNotes, PhotosConfig
 from hoi.errors import ConfigError, FrameFailure
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp")
 OBJECTS_FILE = "objects.yaml"
 _MASKS = (".person_mask", ".object_mask")
-_SIDECAR_KEYS = {"object", "field_of_view_deg", "focal_px"}
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 _PLAUSIBLE = (0.3, 15.0)  # focal length over the longer side; outside, EXIF is not believed
 _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0}  # EXIF: inch, centimetre, millimetre
@@ -39,6 +40,7 @@ class PhotoRef:
     frame_id: str
     file: str
     category: str
+    notes: PhotoNotes = field(default=PhotoNotes(), compare=False)
 
 
 def list_photos(config: PhotosConfig) -> list[PhotoRef]:
@@ -58,9 +60,14 @@ def list_photos(config: PhotosConfig) -> list[PhotoRef]:
     )
     if not files:
         raise ConfigError(f"photos.folder: {folder} holds no {', '.join(SUFFIXES)} file")
-    named = _folder_objects(folder)
+    listed = _folder_notes(folder)
     ids = _frame_ids(files)
-    return [PhotoRef(ids[f], f, _category(config, folder, Path(f).stem, named)) for f in files]
+    refs = []
+    for file in files:
+        notes = _notes(config, folder, Path(file).stem, listed)
+        category = (notes.object or config.default_object).strip().lower()
+        refs.append(PhotoRef(ids[file], file, category, notes))
+    return refs
 
 
 def photo_files(folder: Path | str, ref: PhotoRef) -> list[Path]:
@@ -87,8 +94,7 @@ def read_photo(config: PhotosConfig, ref: PhotoRef) -> Frame:
     except (OSError, ValueError, SyntaxError, KeyError, TypeError) as error:
         raise FrameFailure("image_unreadable", f"{path.name}: {error}") from error
     width, height = image.size
-    sidecar = _sidecar(folder, path.stem)
-    focal, source = _focal(sidecar, exif, width, height, config.default_field_of_view_deg)
+    focal, source = _focal(ref.notes, exif, width, height, config.default_field_of_view_deg)
     shrink = min(1.0, config.max_side / max(width, height))
     size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
     if size != image.size:
@@ -110,6 +116,7 @@ def read_photo(config: PhotosConfig, ref: PhotoRef) -> Frame:
         intrinsics_source=source,
         given_person_mask=person,
         given_object_mask=thing,
+        hints=_hints(ref.notes, scale),
     )
 
 
@@ -130,40 +137,66 @@ def _frame_ids(files: list[str]) -> dict[str, str]:
     }
 
 
-def _category(config: PhotosConfig, folder: Path, stem: str, named: dict[str, str]) -> str:
-    """The object's noun: from the run's configuration, the photo's file, the folder's, or none."""
-    if stem in config.objects:
-        return config.objects[stem].strip().lower()
-    own = _sidecar(folder, stem).get("object")
-    return str(own or named.get(stem) or config.default_object).strip().lower()
+def _notes(
+    config: PhotosConfig, folder: Path, stem: str, listed: dict[str, PhotoNotes]
+) -> PhotoNotes:
+    """What is said of one photo: each key by the run's configuration, else by the photo's own
+    file, else by the folder's."""
+    own = PhotoNotes() if f"{stem}.yaml" == OBJECTS_FILE else _own_notes(folder / f"{stem}.yaml")
+    said = config.objects.get(stem, PhotoNotes())
+    if isinstance(said, str):
+        said = PhotoNotes(object=said)
+    merged = {}
+    for notes in (listed.get(stem, PhotoNotes()), own, said):
+        merged |= notes.model_dump(exclude_none=True)
+    return PhotoNotes(**merged)
 
 
-def _folder_objects(folder: Path) -> dict[str, str]:
-    content = _yaml_mapping(folder / OBJECTS_FILE)
-    for photo, category in content.items():
-        if not isinstance(category, str):
-            raise ConfigError(f"{folder / OBJECTS_FILE}: {photo}: {category!r} is no name")
-    return {str(photo): category for photo, category in content.items()}
+def _own_notes(path: Path) -> PhotoNotes:
+    return _checked_notes(_yaml_mapping(path), str(path))
 
 
-def _sidecar(folder: Path, stem: str) -> dict[str, Any]:
-    path = folder / f"{stem}.yaml"
-    if path.name == OBJECTS_FILE:
-        return {}
-    content = _yaml_mapping(path)
-    unknown = set(map(str, content)) - _SIDECAR_KEYS
-    if unknown:
-        raise ConfigError(
-            f"{path}: unknown key {', '.join(sorted(unknown))}; "
-            f"known: {', '.join(sorted(_SIDECAR_KEYS))}"
-        )
-    for key in ("field_of_view_deg", "focal_px"):
-        value = content.get(key)
-        if value is not None and not (isinstance(value, int | float) and value > 0):
-            raise ConfigError(f"{path}: {key}: {value!r} is no positive number")
-    if content.get("field_of_view_deg", 1) >= 170:
-        raise ConfigError(f"{path}: field_of_view_deg: expected less than 170")
-    return content
+def _folder_notes(folder: Path) -> dict[str, PhotoNotes]:
+    path = folder / OBJECTS_FILE
+    notes = {}
+    for photo, said in _yaml_mapping(path).items():
+        if not isinstance(said, str | dict):
+            raise ConfigError(f"{path}: {photo}: {said!r} is no name")
+        mapping = {"object": said} if isinstance(said, str) else said
+        notes[str(photo)] = _checked_notes(mapping, f"{path}: {photo}")
+    return notes
+
+
+def _checked_notes(values: dict[Any, Any], origin: str) -> PhotoNotes:
+    """Raises ConfigError that says where, which key and what it can be."""
+    try:
+        return PhotoNotes(**{str(key): value for key, value in values.items()})
+    except ValidationError as error:
+        problem = error.errors()[0]
+        key = ".".join(str(part) for part in problem["loc"])
+        if problem["type"] == "extra_forbidden":
+            known = ", ".join(sorted(PhotoNotes.model_fields))
+            raise ConfigError(f"{origin}: unknown key {key}; known: {known}") from None
+        message = problem["msg"].removeprefix("Value error, ")
+        given = f" (given: {problem['input']!r})" if key else ""
+        raise ConfigError(f"{origin}: {key + ': ' if key else ''}{message}{given}") from None
+
+
+def _hints(notes: PhotoNotes, scale: np.ndarray) -> Hints:
+    """The notes on person and object, in pixels of the image after scaling by (2,) `scale`."""
+
+    def scaled(values: tuple[float, ...] | None) -> Any:
+        if values is None:
+            return None
+        return tuple(float(v * scale[i % 2]) for i, v in enumerate(values))
+
+    return Hints(
+        person=notes.person,
+        person_box=scaled(notes.person_box),
+        person_point=scaled(notes.person_point),
+        object_box=scaled(notes.box),
+        object_point=scaled(notes.point),
+    )
 
 
 def _yaml_mapping(path: Path) -> dict[Any, Any]:
@@ -190,14 +223,14 @@ def _focal_tags(picture: Image.Image) -> dict[int, Any]:
 
 
 def _focal(
-    sidecar: dict[str, Any], exif: dict[int, Any], width: int, height: int, default_deg: float
+    notes: PhotoNotes, exif: dict[int, Any], width: int, height: int, default_deg: float
 ) -> tuple[float, str]:
     """Focal length in pixels of the picture as stored, and where it comes from."""
     longer = max(width, height)
-    if "focal_px" in sidecar:
-        return float(sidecar["focal_px"]), "focal length of the photo's yaml file"
-    if "field_of_view_deg" in sidecar:
-        angle = float(sidecar["field_of_view_deg"])
+    if notes.focal_px is not None:
+        return notes.focal_px, "focal length of the photo's yaml file"
+    if notes.field_of_view_deg is not None:
+        angle = notes.field_of_view_deg
         return _from_field_of_view(angle, longer), f"{angle:g} degrees, of the photo's yaml file"
     doubt = ""
     for name, value in (

@@ -17,11 +17,12 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class DetectedBox:
-    """One box with its class (a COCO name) and score in [0, 1]."""
+    """One box with its class, score in [0, 1] and who saw it."""
 
     label: str
     score: float
     box: Box
+    source: str = ""
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from hoi.artifacts import Hints
 from hoi.detect.backends import Box, BoxDetector, DetectedBox
 from hoi.detect.boxes import longer_side, overlap, pixel_window
-from hoi.detect.choice import CHOSEN, Choice, choose
+from hoi.detect.choice import CHOSEN, NO_HINTS, Choice, choose
 from hoi.detect.config import DetectConfig
-from hoi.detect.labels import OWN, PERSON
+from hoi.detect.labels import OWN, PERSON, USER
 
 #: Scores of the second look are for the same boxes: one that is there already adds nothing.
 _SAME_BOX = 0.5
@@ -30,6 +31,7 @@ class PairFinder:
         own_person: Box | None = None,
         own_object: Box | None = None,
         config: DetectConfig | None = None,
+        hints: Hints = NO_HINTS,
     ) -> tuple[list[DetectedBox], Choice]:
         """Boxes of the whole picture, and of the person's surroundings if that finds no object.
 
@@ -38,25 +40,32 @@ class PairFinder:
             weights: wanted detector classes, see :func:`hoi.detect.labels.label_weights`.
             own_person, own_object: boxes that are known, and taken instead of detected ones.
             config: other thresholds than those of this finder.
+            hints: what the user said; masks go before its boxes.
         """
         config = config or self.config
+        own_person = own_person or hints.person_box
+        own_object = own_object or hints.object_box
+        if own_person is not None:
+            hints = hints.model_copy(update={"person": None, "person_point": None})
+        if own_object is not None:
+            hints = hints.model_copy(update={"object_point": None})
         if own_object is not None:
             weights = {OWN: 1.0}
         boxes = [] if own_person and own_object else self._detector(image)
         if own_person is not None:
             boxes = [item for item in boxes if item.label != PERSON]
-            boxes.append(DetectedBox(PERSON, 1.0, own_person))
+            boxes.append(DetectedBox(PERSON, 1.0, own_person, USER))
         if own_object is not None:
-            boxes.append(DetectedBox(OWN, 1.0, own_object))
-        choice = choose(boxes, weights, config)
+            boxes.append(DetectedBox(OWN, 1.0, own_object, USER))
+        choice = choose(boxes, weights, config, hints)
         if choice.person is None or choice.object is not None:
             return boxes, choice
         if own_object is not None:  # the rule doubts it, its owner does not
             verdicts = (*choice.verdicts[:-1], CHOSEN)
             return boxes, replace(choice, object=boxes[-1], verdicts=verdicts)
-        if weights and config.nanodet.crop_pass:
+        if (weights or hints.object_point) and config.nanodet.crop_pass:
             boxes = boxes + self._second_look(image, choice.person.box, boxes)
-            choice = choose(boxes, weights, config)
+            choice = choose(boxes, weights, config, hints)
         return boxes, choice
 
     def _second_look(

@@ -10,8 +10,10 @@ from pathlib import Path
 from hoi.errors import AssetError
 
 PERSON = "person"
-#: Stands for a detector's class where the user drew the object's mask.
-OWN = "own mask"
+#: Stands for a detector's class where the user drew the object's mask or box.
+OWN = "drawn by the user"
+#: The source of a box that the user drew.
+USER = "user"
 _DATA = Path(__file__).parent.parent / "data" / "detect"
 LABEL_TABLE = _DATA / "category_labels.csv"
 #: The 80 classes of COCO in the order of detectors trained on it.

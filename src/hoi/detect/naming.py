@@ -7,11 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
+from hoi.artifacts import Hints
 from hoi.detect.backends import BoxDetector
+from hoi.detect.boxes import overlap
+from hoi.detect.choice import NO_HINTS
 from hoi.detect.config import DetectConfig
 from hoi.detect.finding import PairFinder
-from hoi.detect.labels import AUTO, label_weights
+from hoi.detect.labels import AUTO, PERSON, label_weights
 from hoi.detect.models import require_models
+
+_SAME_BOX = 0.4  # IoU from which a detection names what the user drew
 
 
 class ObjectNamer:
@@ -40,16 +45,24 @@ class ObjectNamer:
         self._find = PairFinder(config.for_category(AUTO), box_detector)
         self._category = category_of_label(categories, config.labels)
 
-    def __call__(self, image: np.ndarray) -> str | None:
+    def __call__(self, image: np.ndarray, hints: Hints = NO_HINTS) -> str | None:
         """The category of the object next to the person; None when none is seen for sure.
 
         A class that none of the categories claims is the answer as it is, so that a later status
-        can say what it is that has no exemplars.
+        can say what it is that has no exemplars. A box that the user drew is named by the surest
+        detection that it overlaps.
         """
-        _, choice = self._find(image, label_weights(AUTO, {}, 1.0))
-        if choice.object is None:
-            return None
-        return self._category.get(choice.object.label, choice.object.label)
+        boxes, choice = self._find(
+            image,
+            label_weights(AUTO, {}, 1.0),
+            hints=hints.model_copy(update={"object_box": None}),
+        )
+        label = choice.object.label if choice.object else None
+        if hints.object_box is not None:
+            drawn = hints.object_box
+            inside = [b for b in boxes if b.label != PERSON and overlap(b.box, drawn) >= _SAME_BOX]
+            label = max(inside, key=lambda item: item.score).label if inside else None
+        return None if label is None else self._category.get(label, label)
 
 
 def category_of_label(

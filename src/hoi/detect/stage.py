@@ -22,7 +22,7 @@ from hoi.detect.choice import Choice, object_failure, person_failure
 from hoi.detect.config import DetectConfig
 from hoi.detect.finding import PairFinder
 from hoi.detect.given import given_keypoints, given_mask
-from hoi.detect.labels import label_weights
+from hoi.detect.labels import USER, label_weights
 from hoi.detect.models import require_models
 from hoi.errors import FrameFailure
 
@@ -121,6 +121,7 @@ class DetectStage:
             None if person is None else mask_box(person),
             None if thing is None else mask_box(thing),
             self.config.for_category(frame.category),
+            frame.hints,
         )
         candidates = choice.candidates(boxes)
         try:
@@ -148,14 +149,14 @@ class DetectStage:
     ) -> _Subjects:
         config = self.config.for_category(frame.category)
         if choice.person is None:
-            raise person_failure(boxes, config)
+            raise person_failure(boxes, config, frame.hints)
         if choice.rivals and config.require_single_person:
             raise FrameFailure(
                 "several_people", f"{choice.rivals + 1} people are equally plausible"
             )
         if choice.object is None:
             weights = self._weights(frame)
-            raise object_failure(boxes, frame.category, weights, config)
+            raise object_failure(boxes, frame.category, weights, config, frame.hints)
         return _Subjects(
             choice.person.box,
             choice.object.box,
@@ -188,6 +189,8 @@ class DetectStage:
             self._require(object_mask, "object")
         keypoints, keypoints_source = self._keypoints(frame, pose)
         seen = subjects.object if subjects.object_mask is None else None
+        if seen is not None and seen.source == USER:
+            seen = None
         use_landmarks = config.landmarks == "registry" and pose is not None
         return Detection(
             frame_id=frame.frame_id,
@@ -259,4 +262,6 @@ class DetectStage:
 
 def _score(found: DetectedBox | None, mask: np.ndarray | None) -> float | None:
     """The detector's score; none for what it did not find."""
-    return found.score if found is not None and mask is None else None
+    if found is None or mask is not None or found.source == USER:
+        return None
+    return found.score
