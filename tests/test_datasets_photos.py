@@ -132,7 +132,7 @@ def test_notes_that_make_no_sense_are_named_with_photo_and_key(tmp_path, said):
 
 
 def test_changed_notes_make_the_photo_another_one(tmp_path):
-    from hoi.config import RunConfig
+    from hoi.config import RunConfig, TablesConfig
     from hoi.manifest import plan
 
     save(tmp_path / "a.jpg")
@@ -140,7 +140,9 @@ def test_changed_notes_make_the_photo_another_one(tmp_path):
     for said in ("chair", "{object: chair, person: 1}", "{object: chair, box: [0, 0, 9, 9]}"):
         (tmp_path / "objects.yaml").write_text(f"a: {said}")
         photos = PhotosConfig(folder=str(tmp_path))
-        (chunk,) = plan(RunConfig(photos=photos, memo=str(tmp_path / "memo")), "photos")
+        tables = TablesConfig(methods=(), ablation=())
+        config = RunConfig(photos=photos, tables=tables, memo=str(tmp_path / "memo"))
+        (chunk,) = plan(config, "photos")
         digests.add(chunk.frames[0].digest)
     assert len(digests) == 3
 
