@@ -17,6 +17,7 @@ import numpy as np
 from hoi.body.keypoints import SURFACE_KEYPOINTS, derive_surface_regressor
 from hoi.body.skeleton import NUM_JOINTS, PARENTS
 from hoi.errors import AssetError
+from hoi.plain_pickle import PLAIN, RestrictedUnpickler
 
 REQUIRED = (
     "v_template",
@@ -59,14 +60,7 @@ def read_body_file(path: Path | str) -> BodyFile:
             message names the file and the key.
     """
     path = Path(path)
-    if not path.is_file():
-        raise AssetError(f"{path}: no such body model file; set the path of an SMPL .npz or .pkl")
-    try:
-        entries = _read_npz(path) if path.suffix == ".npz" else _read_pickle(path)
-    except AssetError:
-        raise
-    except Exception as error:  # a damaged zip or pickle raises nearly every kind of exception
-        raise AssetError(f"{path}: not a readable body model file: {error}") from error
+    entries = _entries(path)
     arrays = {key: _numbers(path, key, entries.get(key)) for key in REQUIRED}
     if arrays["kintree_table"].shape[-1] == _SMPLH_JOINTS:
         arrays = _reduce_smplh(path, arrays)
@@ -74,9 +68,58 @@ def read_body_file(path: Path | str) -> BodyFile:
     return _assemble(path, arrays, entries)
 
 
+@dataclass(frozen=True)
+class SmplhFile:
+    """The content of an SMPL-H file with all of its 52 joints, checked; units as `BodyFile`."""
+
+    v_template: np.ndarray  # (V, 3)
+    faces: np.ndarray  # (F, 3) int64
+    shapedirs: np.ndarray  # (V, 3, K)
+    posedirs: np.ndarray  # (V, 3, 459)
+    joint_regressor: np.ndarray  # (52, V)
+    weights: np.ndarray  # (V, 52)
+    parents: tuple[int, ...]  # of every joint; -1 for the root
+
+
+def read_smplh_file(path: Path | str) -> SmplhFile:
+    """Read and check an SMPL-H file (MANO v1.2 ``SMPLH_male.pkl``, AMASS's ``model.npz``).
+
+    Raises AssetError naming file and key, also for a model of another number of joints.
+    """
+    path = Path(path)
+    entries = _entries(path)
+    arrays = {key: _numbers(path, key, entries.get(key)) for key in REQUIRED}
+    joints = arrays["kintree_table"].shape[-1] if arrays["kintree_table"].ndim == 2 else 0
+    if joints != _SMPLH_JOINTS:
+        raise AssetError(f"{path}: the key 'kintree_table' has {joints} joints, SMPL-H has 52")
+    _check(path, arrays, _SMPLH_PARENTS)
+    return SmplhFile(
+        v_template=arrays["v_template"].astype(np.float64),
+        faces=np.ascontiguousarray(arrays["f"], dtype=np.int64),
+        shapedirs=arrays["shapedirs"].astype(np.float64),
+        posedirs=arrays["posedirs"].astype(np.float64),
+        joint_regressor=arrays["J_regressor"].astype(np.float64),
+        weights=arrays["weights"].astype(np.float64),
+        parents=_SMPLH_PARENTS,
+    )
+
+
+def _entries(path: Path) -> dict[str, Any]:
+    """The named entries of a body model file, as they are stored."""
+    if not path.is_file():
+        raise AssetError(f"{path}: no such body model file; set the path of an SMPL .npz or .pkl")
+    try:
+        return _read_npz(path) if path.suffix == ".npz" else _read_pickle(path)
+    except AssetError:
+        raise
+    except Exception as error:  # a damaged zip or pickle raises nearly every kind of exception
+        raise AssetError(f"{path}: not a readable body model file: {error}") from error
+
+
 def _read_npz(path: Path) -> dict[str, Any]:
     with np.load(path, allow_pickle=False) as archive:
-        return {key: archive[key] for key in archive.files}
+        wanted = (*REQUIRED, "keypoint_regressor")  # some files carry pickled extras: not read
+        return {key: archive[key] for key in wanted if key in archive.files}
 
 
 def _numbers(path: Path, key: str, value: Any) -> np.ndarray:
@@ -94,16 +137,17 @@ def _numbers(path: Path, key: str, value: Any) -> np.ndarray:
     return array
 
 
-def _check(path: Path, arrays: dict[str, np.ndarray]) -> None:
+def _check(path: Path, arrays: dict[str, np.ndarray], parents: tuple[int, ...] = PARENTS) -> None:
+    joints = len(parents)
     count = len(arrays["v_template"]) if arrays["v_template"].ndim else 0
     expected = {
         "v_template": (count, 3),
         "f": (None, 3),
         "shapedirs": (count, 3, None),
-        "posedirs": (count, 3, 9 * (NUM_JOINTS - 1)),
-        "J_regressor": (NUM_JOINTS, count),
-        "weights": (count, NUM_JOINTS),
-        "kintree_table": (2, NUM_JOINTS),
+        "posedirs": (count, 3, 9 * (joints - 1)),
+        "J_regressor": (joints, count),
+        "weights": (count, joints),
+        "kintree_table": (2, joints),
     }
     for key, shape in expected.items():
         have = arrays[key].shape
@@ -113,8 +157,10 @@ def _check(path: Path, arrays: dict[str, np.ndarray]) -> None:
             raise AssetError(f"{path}: the key {key!r} has shape {have}, expected {shape}")
     if count == 0 or len(arrays["f"]) == 0:
         raise AssetError(f"{path}: the key 'v_template' or 'f' is empty")
-    if tuple(_parents(arrays["kintree_table"])) != PARENTS:
-        raise AssetError(f"{path}: the key 'kintree_table' is not SMPL's tree of 24 joints")
+    if tuple(_parents(arrays["kintree_table"])) != parents:
+        raise AssetError(
+            f"{path}: the key 'kintree_table' is not the tree of {joints} joints that it should be"
+        )
     if arrays["f"].min() < 0 or arrays["f"].max() >= count:
         raise AssetError(f"{path}: the key 'f' names a vertex outside 0..{count - 1}")
     if (arrays["weights"].sum(1) <= 0).any():
@@ -224,6 +270,20 @@ class _CscMatrix(_SparseMatrix):
     by_column = True
 
 
+class _CooMatrix(_Stub):
+    """A scipy coordinate matrix, as converters of SMPL-H files write it."""
+
+    def dense(self) -> np.ndarray:
+        rows, columns = self.state.get("coords") or (self.state["row"], self.state["col"])
+        rows, columns = (np.asarray(index, dtype=np.int64) for index in (rows, columns))
+        shape = tuple(int(n) for n in self.state.get("_shape") or self.state["shape"])
+        if len(shape) != 2 or min(rows.min(initial=0), columns.min(initial=0)) < 0:
+            raise ValueError("a sparse matrix with impossible indices")
+        matrix = np.zeros(shape)
+        np.add.at(matrix, (rows, columns), np.asarray(self.state["data"]))
+        return matrix
+
+
 def _new_stub(cls: type, base: type, state: Any) -> _Stub:
     """What old pickles call to make an object; here it makes stand-ins only."""
     if not (isinstance(cls, type) and issubclass(cls, _Stub)) or base is not object:
@@ -231,39 +291,13 @@ def _new_stub(cls: type, base: type, state: Any) -> _Stub:
     return cls()
 
 
-def _latin1_bytes(text: str, encoding: str = "latin1") -> bytes:
-    if encoding not in ("latin1", "latin-1"):
-        raise pickle.UnpicklingError("the file asks for an unexpected text encoding")
-    return text.encode("latin1")
-
-
-def _new_array(cls: type, shape: tuple, typecode: Any) -> np.ndarray:
-    """numpy's array maker, for plain arrays only; the pickle fills them in afterwards."""
-    if cls is not np.ndarray:
-        raise pickle.UnpicklingError("the file asks for an unexpected kind of array")
-    return np.ndarray.__new__(np.ndarray, (0,), "b")
-
-
-def _new_scalar(dtype: np.dtype, data: bytes) -> Any:
-    if not isinstance(dtype, np.dtype) or dtype.hasobject:
-        raise pickle.UnpicklingError("the file asks for an unexpected kind of number")
-    return np.frombuffer(data, dtype=dtype, count=1)[0]
-
-
 def _allowed() -> dict[tuple[str, str], Any]:
-    names: dict[tuple[str, str], Any] = {
-        ("numpy", "ndarray"): np.ndarray,
-        ("numpy", "dtype"): np.dtype,
-        ("_codecs", "encode"): _latin1_bytes,
-    }
-    for core in ("numpy.core.multiarray", "numpy._core.multiarray"):
-        names[core, "_reconstruct"] = _new_array
-        names[core, "scalar"] = _new_scalar
+    names = dict(PLAIN)
     for module in ("copy_reg", "copyreg"):
         names[module, "_reconstructor"] = _new_stub
     for module in ("__builtin__", "builtins"):
         names[module, "object"] = object
-    for form, stub in (("csc", _CscMatrix), ("csr", _SparseMatrix)):
+    for form, stub in (("csc", _CscMatrix), ("csr", _SparseMatrix), ("coo", _CooMatrix)):
         for module in (f"scipy.sparse.{form}", f"scipy.sparse._{form}", "scipy.sparse"):
             names[module, f"{form}_matrix"] = stub
             names[module, f"{form}_array"] = stub
@@ -273,21 +307,17 @@ def _allowed() -> dict[tuple[str, str], Any]:
 _ALLOWED = _allowed()
 
 
-class _SafeUnpickler(pickle.Unpickler):
+class _BodyUnpickler(RestrictedUnpickler):
+    """Plain data, sparse matrices and whatever chumpy class a file names."""
+
     def find_class(self, module: str, name: str) -> Any:
         if module == "chumpy" or module.startswith("chumpy."):
             return _ChumpyArray
-        if (module, name) in _ALLOWED:
-            return _ALLOWED[module, name]
-        raise pickle.UnpicklingError(
-            f"it asks for {module}.{name}, which no SMPL file needs; refused, because loading it "
-            "could run code"
-        )
+        return super().find_class(module, name)
 
 
 def _read_pickle(path: Path) -> dict[str, Any]:
-    with path.open("rb") as file:
-        content = _SafeUnpickler(file, encoding="latin1").load()
+    content = _BodyUnpickler(path.read_bytes(), _ALLOWED).load()
     if not isinstance(content, dict):
         raise AssetError(f"{path}: holds a {type(content).__name__}, expected a dictionary")
     return content
