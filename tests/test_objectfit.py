@@ -1,6 +1,7 @@
 """The object fit: known poses come back, occluded or not, the same every time."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,12 +9,13 @@ import torch
 from pydantic import ValidationError
 
 from hoi.artifacts import Detection, Frame
+from hoi.config import load_config
 from hoi.errors import AssetError, FrameFailure
 from hoi.exemplars import Exemplar, save_library
 from hoi.geometry import project, rotation_angle, upright_rotations
 from hoi.objectfit.config import ObjectFitConfig, Schedule
 from hoi.objectfit.search import distinct
-from hoi.objectfit.stage import ObjectFitStage
+from hoi.objectfit.stage import ObjectFitStage, medoid
 from hoi.objectfit.starts import align_to_boxes, start_boxes, start_rotations, support_vertices
 from hoi.rendering import SilhouetteTarget, depth_map
 
@@ -258,3 +260,17 @@ def test_the_paper_schedule_is_the_printed_one_and_mistakes_are_named():
         ObjectFitConfig(pitch_deg=(9, 3))
     with pytest.raises(ValidationError):
         Schedule(steps=())
+
+
+def test_the_medoid_is_the_shape_most_like_all_others():
+    cube = np.random.default_rng(0).uniform(-1, 1, (300, 3))
+    shapes = [cube * [1, 1, 3], cube * [1, 1, 1.2], cube, cube * [1, 2.5, 1], cube * [0.9, 1, 1]]
+    assert medoid(shapes) == 2
+
+
+def test_phosas_search_looks_at_one_shape_and_keeps_one_pose():
+    config = load_config(Path(__file__).parents[1] / "config" / "config.yaml")
+    search = config.objectfit["phosa_calib"]
+    assert (search.shapes, search.num_starts, search.top_exemplars) == ("medoid", 2000, 1)
+    assert search.chosen_schedule.steps[0].learning_rate == 1e-3
+    assert config.objectfit["phosa"].camera == "longest_side"

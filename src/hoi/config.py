@@ -103,7 +103,12 @@ class RunConfig(Settings):
                 raise ValueError(
                     f"methods.{name}.search: no search {method.search!r} under `objectfit`"
                 )
-            self.joint_settings(name)
+            searched, joint = self.objectfit[method.search].camera, self.joint_settings(name).camera
+            if searched != joint:
+                raise ValueError(
+                    f"methods.{name}.joint.camera: {joint}, but its search {method.search!r} "
+                    f"believes in {searched}"
+                )
         if self.dataset == "behave" and not self.behave.root:
             raise ValueError("behave.root: dataset is behave, so the folder must be named")
         return self

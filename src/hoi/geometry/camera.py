@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
+from hoi.settings import CameraModel
+
 NEAR = 1e-2  # metres; points nearer than this (or behind the camera) project as if they were here
 
 
@@ -21,6 +25,43 @@ def project(points, intrinsics):
     x = points[..., 0] / depth * float(intrinsics[0][0]) + float(intrinsics[0][2])
     y = points[..., 1] / depth * float(intrinsics[1][1]) + float(intrinsics[1][2])
     return _stack(x, y)
+
+
+def model_intrinsics(
+    intrinsics: np.ndarray, height: int, width: int, model: CameraModel
+) -> np.ndarray:
+    """(3, 3) intrinsics of the believed camera, pixels.
+
+    ``photo``: `intrinsics` as they are. ``longest_side``: PHOSA's, whatever the photo was taken
+    with: the focal length is the longest side and the principal point the middle of the square
+    that the photo fills from its top left corner.
+    """
+    if model == "photo":
+        return np.asarray(intrinsics, np.float64)
+    side = float(max(height, width))
+    return np.array([[side, 0, side / 2], [0, side, side / 2], [0, 0, 1]])
+
+
+def shift_between_cameras(
+    points: np.ndarray, seen_by: np.ndarray, shown_to: np.ndarray
+) -> np.ndarray:
+    """(3,) metres by which `points` must move to look to one camera as they looked to another.
+
+    Least squares over ``(u - cx)(z + t_z) = f (x + t_x)``, which is linear in the shift; exact only
+    for a distant thing, because perspective differs.
+
+    Args:
+        points: (N, 3) metres, camera frame. seen_by, shown_to: (3, 3) intrinsics, pixels.
+    """
+    pixels = project(np.asarray(points, np.float64), seen_by)
+    rows, values = [], []
+    for axis in range(2):
+        focal, centre = shown_to[axis][axis], shown_to[axis][2]
+        row = np.zeros((len(points), 3))
+        row[:, axis], row[:, 2] = focal, -(pixels[:, axis] - centre)
+        rows.append(row)
+        values.append((pixels[:, axis] - centre) * points[:, 2] - focal * points[:, axis])
+    return np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0]
 
 
 def scale_about_camera(rotation, translation, scale: float, new_scale: float):
@@ -44,6 +85,4 @@ def _stack(x: Any, y: Any) -> Any:
         import torch
 
         return torch.stack((x, y), dim=-1)
-    import numpy as np
-
     return np.stack((x, y), axis=-1)

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field, PositiveFloat, PositiveInt, model_validator
 
-from hoi.settings import Settings
+from hoi.settings import CameraModel, Settings
 
 #: The loss terms a method may list: `hoi.joint.terms` holds one function for each.
 TermName = Literal[
@@ -102,6 +102,10 @@ class JointConfig(Settings):
     """Configuration of the joint stage; `config/config.yaml` has one set per method."""
 
     method: str = Field(default="ours", description="name of the method in the tables")
+    camera: CameraModel = Field(
+        default="photo",
+        description="longest_side: PHOSA's guess; the method's search must share it",
+    )
     action: Literal["retrieved", "default"] = Field(
         default="retrieved",
         description="default: ConceptNet's heaviest action, the 'No action' ablation",

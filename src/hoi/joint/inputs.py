@@ -9,7 +9,9 @@ import numpy as np
 
 from hoi.artifacts import BodyFit, Detection, Frame, ObjectFit, Prior
 from hoi.errors import FrameFailure
+from hoi.geometry import model_intrinsics, shift_between_cameras
 from hoi.rendering import Roi
+from hoi.settings import CameraModel
 
 
 @dataclass(frozen=True)
@@ -17,7 +19,8 @@ class Inputs:
     """Plain arrays of one frame: camera, masks, fitted body, object poses and size prior.
 
     Attributes:
-        intrinsics: (3, 3) of the photo. object_mask, person_mask: (H, W) bool.
+        intrinsics: (3, 3) of the camera the method believes in.
+        object_mask, person_mask: (H, W) bool.
         body_vertices: (V, 3), body_joints: (24, 3), camera frame, metres.
         exemplars: K names; rotations: (K, 3, 3), translations: (K, 3) at library size, best first.
         roi: square region around the object.
@@ -47,6 +50,7 @@ class Inputs:
         objects: ObjectFit,
         prior: Prior,
         roi_margin: float,
+        camera: CameraModel = "photo",
     ) -> Self:
         """Raises FrameFailure when masks and photo differ in size or nothing can be optimised."""
         assert frame.image is not None and frame.intrinsics is not None
@@ -62,12 +66,16 @@ class Inputs:
                 )
         if not objects.exemplars:
             raise FrameFailure("no_object_pose", "the object fit holds no pose to start from")
+        intrinsics = model_intrinsics(frame.intrinsics, *photo, camera)
+        moved = np.zeros(3)
+        if camera != "photo":
+            moved = shift_between_cameras(body.vertices, frame.intrinsics, intrinsics)
         return cls(
-            intrinsics=frame.intrinsics,
+            intrinsics=intrinsics,
             object_mask=detection.object_mask,
             person_mask=detection.person_mask,
-            body_vertices=body.vertices,
-            body_joints=body.joints,
+            body_vertices=body.vertices + moved,
+            body_joints=body.joints + moved,
             exemplars=tuple(objects.exemplars),
             rotations=objects.rotations,
             translations=objects.translations,

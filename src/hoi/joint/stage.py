@@ -62,7 +62,9 @@ class JointStage:
         interaction = prior.retrieved if config.action == "retrieved" else prior.default
         if interaction is None:
             raise FrameFailure("no_prior", f"the prior holds no {config.action} interaction")
-        inputs = Inputs.gather(frame, detection, body, objects, prior, config.roi_margin)
+        inputs = Inputs.gather(
+            frame, detection, body, objects, prior, config.roi_margin, config.camera
+        )
         library = self._library(inputs.category)
         problem = build_problem(config, inputs, interaction, library, self.regions, seed)
         order = self._order_cost(inputs, problem) if config.depth_order_weight > 0 else None

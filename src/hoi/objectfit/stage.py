@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from scipy.spatial import KDTree
 
 from hoi.artifacts import Detection, Frame, ObjectFit
 from hoi.errors import FrameFailure
 from hoi.exemplars import library_path, load_library
-from hoi.geometry import rotation_angle
+from hoi.geometry import model_intrinsics, rotation_angle
 from hoi.objectfit.config import ObjectFitConfig
 from hoi.objectfit.search import Poses, Shape, View, narrow, rank, score_starts
 from hoi.objectfit.starts import start_boxes, start_rotations
@@ -46,7 +47,7 @@ class ObjectFitStage:
         object_mask, person_mask = _masks(frame, detection, config.min_mask_pixels)
         shapes = self._shapes(frame.category)
         roi = Roi.around(_box(object_mask), config.roi_margin)
-        view_at = _views(config, object_mask, person_mask, roi, _intrinsics(frame))
+        view_at = _views(config, object_mask, person_mask, roi, _intrinsics(frame, config))
 
         generator = torch.Generator().manual_seed(seed)
         scoring = view_at(schedule.score_resolution)
@@ -70,7 +71,21 @@ class ObjectFitStage:
             raise FrameFailure(
                 "no_exemplars", f"the exemplar library has no file for category {category!r}"
             )
-        return [Shape.of(exemplar) for exemplar in load_library(self._exemplars_dir, category)]
+        exemplars = load_library(self._exemplars_dir, category)
+        if self.config.shapes == "medoid":
+            exemplars = [exemplars[medoid([exemplar.vertices for exemplar in exemplars])]]
+        return [Shape.of(exemplar) for exemplar in exemplars]
+
+
+def medoid(shapes: Sequence[np.ndarray]) -> int:
+    """Index of the shape with the smallest sum of Chamfer distances to all others.
+
+    Args:
+        shapes: vertices (V, 3) of each, canonical frame, metres.
+    """
+    trees = [KDTree(shape) for shape in shapes]
+    one_way = np.array([[tree.query(shape)[0].mean() for tree in trees] for shape in shapes])
+    return int((one_way + one_way.T).sum(1).argmin())
 
 
 def _masks(frame: Frame, detection: Detection, min_pixels: int) -> tuple[np.ndarray, np.ndarray]:
@@ -98,9 +113,10 @@ def _masks(frame: Frame, detection: Detection, min_pixels: int) -> tuple[np.ndar
     return object_mask, (person > 0) & ~object_mask
 
 
-def _intrinsics(frame: Frame) -> np.ndarray:
-    assert frame.intrinsics is not None
-    return frame.intrinsics
+def _intrinsics(frame: Frame, config: ObjectFitConfig) -> np.ndarray:
+    assert frame.intrinsics is not None and frame.image is not None
+    height, width = frame.image.shape[:2]
+    return model_intrinsics(frame.intrinsics, height, width, config.camera)
 
 
 def _box(mask: np.ndarray) -> np.ndarray:
