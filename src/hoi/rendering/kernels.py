@@ -43,9 +43,7 @@ class Mesh(NamedTuple):
 class Target(NamedTuple):
     """The tables of a SilhouetteTarget."""
 
-    mask: np.ndarray
-    keep: np.ndarray
-    edge_distance: np.ndarray
+    pixels: np.ndarray  # (H, W, 3) mask, keep, edge distance: what a pair asks for lies together
     prefix: np.ndarray
     base_loss: np.float32
 
@@ -58,16 +56,16 @@ class Weights(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Working memory of one call; between meshes `delta` and `change` are 0, `owner` is -1."""
+    """Working memory of one call; between meshes `delta` and `change` are 0, `slot` is -1."""
 
     covered: np.ndarray  # (H, W) whether the pixel centre is covered
-    delta: np.ndarray  # (H, W + 1) change of the winding number; wraps around harmlessly
+    delta: np.ndarray  # (H, 4 N > W) change of the winding number; wraps around harmlessly
     sign: np.ndarray  # (F,) way each face turns on screen
     chosen: np.ndarray  # (E + 1,) outline edges
     multiplicity: np.ndarray  # (E + 1,) of each chosen edge
-    position: np.ndarray  # (2, H, W) where an edge separates a pixel pair
-    owner: np.ndarray  # (2, H, W) that edge
-    pairs: np.ndarray  # (2 H W,) the separated pairs
+    slot: np.ndarray  # (2, H, W) place of a separated pixel pair in the lists below
+    pairs: np.ndarray  # (2 H W, 4) row and column of its first pixel, code, edge between them
+    position: np.ndarray  # (2 H W,) where that edge passes, in pixels along the pair
     change: np.ndarray  # (H, W) blended coverage minus hard coverage
     sums: np.ndarray  # (3,) prefix table summed over the silhouette
 
@@ -76,13 +74,13 @@ class Scratch(NamedTuple):
 def _scratch(mesh, height, width):
     return Scratch(
         np.zeros((height, width), np.uint8),
-        np.zeros((height, width + 1), np.int16),
+        np.zeros((height, (width // 4 + 1) * 4), np.int16),
         np.empty(mesh.faces.shape[0], np.int8),
         np.empty(mesh.edges.shape[0] + 1, np.int32),
         np.empty(mesh.edges.shape[0] + 1, np.int16),
-        np.empty((2, height, width), np.float32),
         np.full((2, height, width), -1, np.int32),
-        np.empty(2 * height * width, np.int32),
+        np.empty((2 * height * width, 4), np.int32),
+        np.empty(2 * height * width, np.float32),
         np.zeros((height, width), np.float32),
         np.zeros(3, np.float64),
     )
@@ -163,61 +161,56 @@ def _mark_crossings(xy, edges, chosen, multiplicity, count, height, width, delta
 
 
 @nb.njit(fastmath=_SAFE_MATH)
-def _cover_rows(delta, covered, row0, row1, col0, col1, width):
-    """Coverage at pixel centres inside the window; leaves delta zero again."""
-    for r in range(row0, row1):
-        winding = 0
-        for c in range(col0, col1):
-            winding += delta[r, c]
-            delta[r, c] = 0
-            covered[r, c] = 1 if winding > 0 else 0
-        for c in range(col1, width + 1):
-            delta[r, c] = 0
+def _fill(row, start, end, value):
+    for c in range(start, end):
+        row[c] = value
 
 
 @nb.njit(fastmath=_SAFE_MATH)
-def _sum_runs(delta, covered, prefix, row0, row1, col0, col1, width, sums):
-    """As _cover_rows, and sums of the target's prefix table over the covered pixels."""
+def _sum_runs(delta, covered, prefix, row0, row1, col0, col1, sums):
+    """Coverage at pixel centres inside the window, by runs; leaves delta zero again.
+
+    `sums` becomes the target's prefix table summed over the covered pixels. Most of delta is zero
+    and is passed over four columns at a time.
+    """
+    words = delta.view(np.int64)
     s0, s1, s2 = 0.0, 0.0, 0.0
     for r in range(row0, row1):
         winding = 0
-        before = 0
-        for c in range(col0, col1):
-            winding += delta[r, c]
-            delta[r, c] = 0
-            inside = 1 if winding > 0 else 0
-            covered[r, c] = inside
-            if inside != before:
-                if inside == 1:
-                    s0 -= prefix[r, c, 0]
-                    s1 -= prefix[r, c, 1]
-                    s2 -= prefix[r, c, 2]
-                else:
-                    s0 += prefix[r, c, 0]
-                    s1 += prefix[r, c, 1]
-                    s2 += prefix[r, c, 2]
-                before = inside
-        if before == 1:
-            s0 += prefix[r, col1, 0]
-            s1 += prefix[r, col1, 1]
-            s2 += prefix[r, col1, 2]
-        for c in range(col1, width + 1):
-            delta[r, c] = 0
+        inside = 0
+        start = col0
+        for word in range(words.shape[1]):
+            if words[r, word] == 0:
+                continue
+            for c in range(4 * word, 4 * word + 4):
+                winding += delta[r, c]
+                now = 1 if winding > 0 else 0
+                if now == inside:
+                    continue
+                _fill(covered[r], start, min(c, col1), inside)
+                start = c
+                direction = 1 - 2 * now
+                s0 += direction * prefix[r, c, 0]
+                s1 += direction * prefix[r, c, 1]
+                s2 += direction * prefix[r, c, 2]
+                inside = now
+            words[r, word] = 0
+        _fill(covered[r], start, col1, 0)
     sums[0] = s0
     sums[1] = s1
     sums[2] = s2
 
 
 @nb.njit(fastmath=_SAFE_MATH)
-def _boundary_pairs(xy, edges, chosen, count, covered, height, width, position, owner, pairs):
+def _boundary_pairs(xy, edges, chosen, count, covered, height, width, slot, pairs, position):
     """Neighbouring pixels of unlike coverage, with the outermost edge between their centres.
 
     Steep edges look at pixels side by side (axis 0), flat edges at pixels above each other (axis
-    1). A pair is stored as ``4 * pixel + 2 * axis + coverage of its first pixel``.
+    1). A pair's code is ``2 * axis + coverage of its first pixel``.
     """
     found = 0
-    for k in range(count):
-        e = chosen[k]
+    for i in range(count):
+        e = chosen[i]
         a, b = edges[e, 0], edges[e, 1]
         xa, ya, xb, yb = xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1]
         dx, dy = xb - xa, yb - ya
@@ -235,14 +228,16 @@ def _boundary_pairs(xy, edges, chosen, count, covered, height, width, position, 
                 inside = np.int64(covered[r, c])
                 if inside == covered[r, c + 1]:
                     continue
-                if owner[0, r, c] < 0:
-                    owner[0, r, c] = e
-                    position[0, r, c] = x
-                    pairs[found] = (r * width + c) * 4 + inside
+                k = slot[0, r, c]
+                if k < 0:
+                    slot[0, r, c] = found
+                    pairs[found, 0], pairs[found, 1] = r, c
+                    pairs[found, 2], pairs[found, 3] = inside, e
+                    position[found] = x
                     found += 1
-                elif (inside == 1) == (x > position[0, r, c]):
-                    owner[0, r, c] = e
-                    position[0, r, c] = x
+                elif (inside == 1) == (x > position[k]):
+                    pairs[k, 3] = e
+                    position[k] = x
         else:
             first = max(math.ceil(min(xa, xb) - HALF), 0)
             last = min(math.ceil(max(xa, xb) - HALF) - 1, width - 1)
@@ -257,30 +252,27 @@ def _boundary_pairs(xy, edges, chosen, count, covered, height, width, position, 
                 inside = np.int64(covered[r, c])
                 if inside == covered[r + 1, c]:
                     continue
-                if owner[1, r, c] < 0:
-                    owner[1, r, c] = e
-                    position[1, r, c] = y
-                    pairs[found] = (r * width + c) * 4 + 2 + inside
+                k = slot[1, r, c]
+                if k < 0:
+                    slot[1, r, c] = found
+                    pairs[found, 0], pairs[found, 1] = r, c
+                    pairs[found, 2], pairs[found, 3] = 2 + inside, e
+                    position[found] = y
                     found += 1
-                elif (inside == 1) == (y > position[1, r, c]):
-                    owner[1, r, c] = e
-                    position[1, r, c] = y
+                elif (inside == 1) == (y > position[k]):
+                    pairs[k, 3] = e
+                    position[k] = y
     return found
 
 
 @nb.njit(fastmath=_SAFE_MATH)
-def _blend(pair, position, width):
+def _blend(pair, position):
     """The pixel that an edge blends and by how much: row, column, change of coverage."""
-    inside = pair & 1
-    axis = (pair >> 1) & 1
-    pixel = pair >> 2
-    r = pixel // width
-    c = pixel - r * width
-    along = r if axis == 1 else c
-    past_border = position[axis, r, c] - np.float32(along + 1)
-    change = past_border if inside == 1 else -past_border
+    r, c, code = pair[0], pair[1], pair[2]
+    past_border = position - np.float32((r if code >= 2 else c) + 1)
+    change = past_border if code & 1 == 1 else -past_border
     if past_border > 0:
-        if axis == 0:
+        if code < 2:
             c += 1
         else:
             r += 1
@@ -288,16 +280,12 @@ def _blend(pair, position, width):
 
 
 @nb.njit(fastmath=_SAFE_MATH)
-def _push_edge(xy, edges, pair, owner, width, pull, grad):
-    """Add d(position)/d(end points) * pull of the edge that owns a pair to grad (V, 2)."""
-    axis = (pair >> 1) & 1
-    pixel = pair >> 2
-    r = pixel // width
-    c = pixel - r * width
-    e = owner[axis, r, c]
+def _push_edge(xy, edges, pair, pull, grad):
+    """Add d(position)/d(end points) * pull of the edge between a pair to grad (V, 2)."""
+    r, c, code, e = pair[0], pair[1], pair[2], pair[3]
     a, b = edges[e, 0], edges[e, 1]
     dx, dy = xy[b, 0] - xy[a, 0], xy[b, 1] - xy[a, 1]
-    if axis == 0:
+    if code < 2:
         slope = dx / dy
         u = (np.float32(r) + HALF - xy[a, 1]) / dy
         grad[a, 0] += pull * (ONE - u)
@@ -333,16 +321,15 @@ def _outline(points, mesh, height, width, work):
 @nb.njit(fastmath=_SAFE_MATH)
 def _separated_pairs(points, mesh, count, height, width, work):
     return _boundary_pairs(
-        points, mesh.edges, work.chosen, count, work.covered, height, width, work.position,
-        work.owner, work.pairs,
+        points, mesh.edges, work.chosen, count, work.covered, height, width, work.slot, work.pairs,
+        work.position,
     )  # fmt: skip
 
 
 @nb.njit(fastmath=_SAFE_MATH)
-def _forget_pairs(found, width, work):
+def _forget_pairs(found, work):
     for k in range(found):
-        pixel = work.pairs[k] >> 2
-        work.owner[(work.pairs[k] >> 1) & 1, pixel // width, pixel % width] = -1
+        work.slot[work.pairs[k, 2] >> 1, work.pairs[k, 0], work.pairs[k, 1]] = -1
 
 
 @nb.njit(fastmath=_SAFE_MATH)
@@ -350,54 +337,52 @@ def _overlap(points, mesh, prefix, work):
     """Leaves the prefix table's sums over one hard silhouette in work.sums."""
     height, width = prefix.shape[0], prefix.shape[1] - 1
     _, (row0, row1, col0, col1) = _outline(points, mesh, height, width, work)
-    _sum_runs(work.delta, work.covered, prefix, row0, row1, col0, col1, width, work.sums)
+    _sum_runs(work.delta, work.covered, prefix, row0, row1, col0, col1, work.sums)
 
 
 @nb.njit(fastmath=_SAFE_MATH)
 def _compare(points, mesh, target, weights, work, grad):
     """Loss, soft intersection and soft area of one mesh; adds d(loss)/d(points) to grad (V, 2)."""
-    height, width = target.mask.shape
-    covered, change, position, pairs = work.covered, work.change, work.position, work.pairs
+    height, width = target.pixels.shape[:2]
+    pixels = target.pixels
+    covered, change, pairs, position = work.covered, work.change, work.pairs, work.position
     count, (row0, row1, col0, col1) = _outline(points, mesh, height, width, work)
-    _sum_runs(work.delta, covered, target.prefix, row0, row1, col0, col1, width, work.sums)
+    _sum_runs(work.delta, covered, target.prefix, row0, row1, col0, col1, work.sums)
     found = _separated_pairs(points, mesh, count, height, width, work)
 
     mask_loss = target.base_loss + work.sums[0]
     shared, own = work.sums[1], work.sums[2]
     for k in range(found):
-        r, c, amount = _blend(pairs[k], position, width)
+        r, c, amount = _blend(pairs[k], position[k])
         hard = np.float32(covered[r, c])
         old = _unit(hard + change[r, c])
         change[r, c] += amount
         new = _unit(hard + change[r, c])
-        keep, wanted = target.keep[r, c], target.mask[r, c]
+        wanted, keep = pixels[r, c, 0], pixels[r, c, 1]
         mask_loss += keep * (new - old) * (new + old - TWO * wanted)
         shared += keep * (min(new, wanted) - min(old, wanted))
         own += keep * (new - old)
 
     edge_loss = 0.0
     for k in range(found):
-        pair = pairs[k]
-        r, c, _ = _blend(pair, position, width)
+        r, c, _ = _blend(pairs[k], position[k])
+        r0, c0, code = pairs[k, 0], pairs[k, 1], pairs[k, 2]
+        r1, c1, along = (r0, c0 + 1, c0) if code < 2 else (r0 + 1, c0, r0)
         blended = _unit(np.float32(covered[r, c]) + change[r, c])
-        direction = ONE if pair & 1 == 1 else -ONE
-        pull = TWO * target.keep[r, c] * (blended - target.mask[r, c]) * direction
+        direction = ONE if code & 1 == 1 else -ONE
+        pull = TWO * pixels[r, c, 1] * (blended - pixels[r, c, 0]) * direction
 
-        axis = (pair >> 1) & 1
-        r0 = (pair >> 2) // width
-        c0 = (pair >> 2) - r0 * width
-        r1, c1 = (r0, c0 + 1) if axis == 0 else (r0 + 1, c0)
-        distance = target.edge_distance[r0, c0]
-        slack = target.edge_distance[r1, c1] - distance
-        keep = min(target.keep[r0, c0], target.keep[r1, c1])
-        fraction = position[axis, r0, c0] - np.float32(c0 if axis == 0 else r0) - HALF
+        distance = pixels[r0, c0, 2]
+        slack = pixels[r1, c1, 2] - distance
+        keep = min(pixels[r0, c0, 1], pixels[r1, c1, 1])
+        fraction = position[k] - np.float32(along) - HALF
         edge_loss += keep * (distance + fraction * slack)
         total_pull = weights.mask * pull + weights.edge * keep * slack
-        _push_edge(points, mesh.edges, pair, work.owner, width, total_pull, grad)
+        _push_edge(points, mesh.edges, pairs[k], total_pull, grad)
     for k in range(found):
-        r, c, _ = _blend(pairs[k], position, width)
+        r, c, _ = _blend(pairs[k], position[k])
         change[r, c] = 0
-    _forget_pairs(found, width, work)
+    _forget_pairs(found, work)
     return weights.mask * mask_loss + weights.edge * edge_loss, shared, own
 
 
@@ -453,7 +438,7 @@ def _pull_back(vertices, linear, shift, intrinsics, near, points, grad, linear_g
 @nb.njit(cache=True, nogil=True, fastmath=_SAFE_MATH)
 def loss_and_gradient(xy, mesh, target, weights, loss, intersection, area, grad):
     """Fused loss, soft overlap and gradient of B meshes against one target; grad starts at zero."""
-    height, width = target.mask.shape
+    height, width = target.pixels.shape[:2]
     work = _scratch(mesh, height, width)
     for b in range(xy.shape[0]):
         loss[b], intersection[b], area[b] = _compare(xy[b], mesh, target, weights, work, grad[b])
@@ -465,7 +450,7 @@ def pose_loss_and_gradient(
     loss, intersection, area, linear_grad, shift_grad,
 ):  # fmt: skip
     """As loss_and_gradient for one mesh at B placements, gradient to the placements."""
-    height, width = target.mask.shape
+    height, width = target.pixels.shape[:2]
     work = _scratch(mesh, height, width)
     points = np.empty((vertices.shape[0], 2), np.float32)
     grad = np.zeros((vertices.shape[0], 2), np.float32)
@@ -505,9 +490,10 @@ def render_images(xy, mesh, antialias, image):
     """Silhouettes (B, H, W) of B meshes, written over image."""
     height, width = image.shape[1:]
     work = _scratch(mesh, height, width)
+    no_target = np.zeros((height, width + 1, 3), np.float32)
     for b in range(xy.shape[0]):
         count, (row0, row1, col0, col1) = _outline(xy[b], mesh, height, width, work)
-        _cover_rows(work.delta, work.covered, row0, row1, col0, col1, width)
+        _sum_runs(work.delta, work.covered, no_target, row0, row1, col0, col1, work.sums)
         image[b] = 0
         for r in range(row0, row1):
             for c in range(col0, col1):
@@ -516,12 +502,12 @@ def render_images(xy, mesh, antialias, image):
             continue
         found = _separated_pairs(xy[b], mesh, count, height, width, work)
         for k in range(found):
-            r, c, amount = _blend(work.pairs[k], work.position, width)
+            r, c, amount = _blend(work.pairs[k], work.position[k])
             image[b, r, c] += amount
         for k in range(found):
-            r, c, _ = _blend(work.pairs[k], work.position, width)
+            r, c, _ = _blend(work.pairs[k], work.position[k])
             image[b, r, c] = _unit(image[b, r, c])
-        _forget_pairs(found, width, work)
+        _forget_pairs(found, work)
 
 
 @nb.njit(cache=True, nogil=True, fastmath=_SAFE_MATH)
@@ -529,16 +515,17 @@ def image_gradient(xy, mesh, image_grad, grad):
     """Pull d(loss)/d(image) (B, H, W) back to the vertices; grad (B, V, 2) starts at zero."""
     height, width = image_grad.shape[1:]
     work = _scratch(mesh, height, width)
+    no_target = np.zeros((height, width + 1, 3), np.float32)
     for b in range(xy.shape[0]):
         count, (row0, row1, col0, col1) = _outline(xy[b], mesh, height, width, work)
-        _cover_rows(work.delta, work.covered, row0, row1, col0, col1, width)
+        _sum_runs(work.delta, work.covered, no_target, row0, row1, col0, col1, work.sums)
         found = _separated_pairs(xy[b], mesh, count, height, width, work)
         for k in range(found):
             pair = work.pairs[k]
-            r, c, _ = _blend(pair, work.position, width)
-            pull = image_grad[b, r, c] if pair & 1 == 1 else -image_grad[b, r, c]
-            _push_edge(xy[b], mesh.edges, pair, work.owner, width, pull, grad[b])
-        _forget_pairs(found, width, work)
+            r, c, _ = _blend(pair, work.position[k])
+            pull = image_grad[b, r, c] if pair[2] & 1 == 1 else -image_grad[b, r, c]
+            _push_edge(xy[b], mesh.edges, pair, pull, grad[b])
+        _forget_pairs(found, work)
 
 
 @nb.njit

@@ -222,9 +222,7 @@ def _mesh(topology: MeshTopology) -> kernels.Mesh:
 
 
 def _target(target: SilhouetteTarget) -> kernels.Target:
-    return kernels.Target(
-        target.mask, target.keep, target.edge_distance, target.prefix, np.float32(target.base_loss)
-    )
+    return kernels.Target(target.pixels, target.prefix, np.float32(target.base_loss))
 
 
 def _iou(intersection: np.ndarray, area: np.ndarray, target: SilhouetteTarget) -> np.ndarray:

@@ -15,6 +15,7 @@ class SilhouetteTarget:
         edge_distance: (H, W) float32, square root of the distance in pixels to the visible outline
             of the mask; zero where nothing is known. Where an occluder cuts the mask there is no
             outline.
+        pixels: (H, W, 3) float32, the three above side by side.
         prefix: (H, W + 1, 3) float32 sums along each row of keep * (1 - 2 mask), keep * mask, keep.
         base_loss: the mask loss of an empty silhouette, sum of keep * mask^2.
         area: sum of keep * mask.
@@ -31,6 +32,7 @@ class SilhouetteTarget:
         self.keep = np.ascontiguousarray(keep)
         self.mask = np.ascontiguousarray(np.where(keep > 0, np.clip(mask, 0, 1), 0), np.float32)
         self.edge_distance = _edge_distance(self.mask > 0.5, self.keep == 0)
+        self.pixels = np.stack([self.mask, self.keep, self.edge_distance], axis=-1)
         sums = np.stack(
             [self.keep * (1 - 2 * self.mask), self.keep * self.mask, self.keep], axis=-1
         )
