@@ -6,7 +6,10 @@ rule exemplars:
     output:
         "resources/exemplars/{category}.npz",
     params:
-        identity=identity("exemplars", CONFIG.exemplars),
+        # shapes that come or go in folders of thousands are seen by their names
+        identity=identity("exemplars", CONFIG.exemplars)
+        | {"shapes": [folder_state(CONFIG.exemplars.partnet), folder_state(CONFIG.exemplars.shapenet)]},
+    threads: 2 if CONFIG.exemplars.partnet or CONFIG.exemplars.shapenet else 1
     message:
         "Choosing {wildcards.category} exemplars"
     log:

@@ -15,10 +15,12 @@ from hoi.datasets.photos_config import AUTO
 from hoi.digest import code_digest, environment_digest
 from hoi.errors import HoiError
 from hoi.exemplars.categories import known_categories
+from hoi.exemplars.shape_index import folder_state
 from hoi.manifest import PHOTOS, chunk_settings, frame_labels, plan
 
 try:
     CONFIG = read_config(config)
+    known_categories(CONFIG.exemplars)  # its folders are there
 except HoiError as error:
     raise WorkflowError(f"The configuration is not usable.\n{error}")
 

@@ -31,11 +31,20 @@ KNOWN_CATEGORIES = (
 def known_categories(config: ExemplarsConfig) -> tuple[str, ...]:
     """The categories `hoi.exemplars.build.build_library` can build with a configuration.
 
-    With source ``folder`` these include every subfolder of the user's mesh folder.
+    With source ``folder`` these include every subfolder of the user's mesh folder, with a folder
+    of PartNet or ShapeNet every category it has shapes of.
     """
     shipped = KNOWN_CATEGORIES if "procedural" in config.sources else ()
     if "furniture" in config.sources:
         shipped = tuple(dict.fromkeys((*shipped, "chair", "stool", "table")))
+    if config.partnet:
+        from hoi.exemplars.shape_index import partnet_nouns
+
+        shipped = tuple(dict.fromkeys((*shipped, *partnet_nouns(config.partnet))))
+    if config.shapenet:
+        from hoi.exemplars.shapenet_layout import shapenet_nouns
+
+        shipped = tuple(dict.fromkeys((*shipped, *shapenet_nouns(config.shapenet))))
     if "folder" not in config.sources or not Path(config.folder).is_dir():
         return shipped
     own = sorted(entry.name for entry in Path(config.folder).iterdir() if entry.is_dir())

@@ -7,6 +7,7 @@ from pydantic import Field
 from hoi.settings import Settings
 
 Source = Literal["procedural", "furniture", "folder"]
+Remesh = Literal["watertight", "ball_pivoting"]
 
 
 class ExemplarsConfig(Settings):
@@ -14,7 +15,8 @@ class ExemplarsConfig(Settings):
 
     sources: tuple[Source, ...] = Field(
         default=("procedural", "furniture"),
-        description="candidates: generated, the curated furniture of this package, own meshes",
+        description="candidates: generated, the curated furniture of this package, own meshes; "
+        "[] leaves those of `partnet` and `shapenet` alone",
     )
     k: int = Field(default=20, ge=1, description="clusters = exemplars of a category [3.5: 20]")
     grid: int = Field(
@@ -32,3 +34,27 @@ class ExemplarsConfig(Settings):
         default=0.0, description="turn about the up axis that brings their front to +z"
     )
     folder_unit_metres: float = Field(default=1.0, gt=0, description="their unit in metres")
+    partnet: str = Field(
+        default="",
+        description="folder of PartNet v0 (data_v0) or of PartNet-Mobility (dataset), with one "
+        "folder <id>/ a shape; its shapes become candidates",
+    )
+    partnet_yaw_degrees: Literal["auto"] | float = Field(
+        default="auto",
+        description="turn about y that brings their front to +z; auto: what the parts of most of "
+        "the category's shapes say (the back of a chair), else 0",
+    )
+    shapenet: str = Field(
+        default="",
+        description="folder of ShapeNetCore v1 or v2, with <synset>/<model>/; "
+        "its shapes become candidates, with parts by geometric rules",
+    )
+    shapenet_yaw_degrees: Literal["auto"] | float = Field(
+        default="auto", description="the same; auto: v2 has its front at -z, v1 at +x"
+    )
+    remesh: Remesh = Field(
+        default="watertight",
+        description="how raw meshes become exemplars. watertight: a closed level set; "
+        "ball_pivoting: points, ball pivoting, holes filled, non-manifold edges removed [3.5]. "
+        "docs/partnet.md compares them",
+    )

@@ -17,7 +17,7 @@ from hoi.errors import AssetError, ConfigError
 from hoi.exemplars.config import ExemplarsConfig
 from hoi.exemplars.labelling import label_faces
 from hoi.exemplars.library import Exemplar
-from hoi.exemplars.remesh import watertight_remesh
+from hoi.exemplars.remesh import remesh
 from hoi.exemplars.sweethome import parse_obj
 from hoi.exemplars.vocabulary import as_part, part_names
 
@@ -54,7 +54,7 @@ def load_own_mesh(path: Path, category: str, config: ExemplarsConfig) -> Exempla
             "its unit (0.01 for centimetres, 0.001 for millimetres)"
         )
     try:
-        points, triangles, nearest = watertight_remesh(vertices, faces, config.vertices)
+        points, triangles, nearest = remesh(vertices, faces, config.remesh, config.vertices)
     except AssetError as error:
         raise AssetError(f"{path}: {error}") from error
     points -= (points.min(axis=0) + points.max(axis=0)) / 2
@@ -93,9 +93,13 @@ def _canonical(vertices: np.ndarray, config: ExemplarsConfig) -> np.ndarray:
     points = np.asarray(vertices, np.float64) * config.folder_unit_metres
     if config.folder_up == "z":
         points = points[:, [0, 2, 1]] * (1, 1, -1)
-    yaw = np.radians(config.folder_yaw_degrees)
-    about_y = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
-    return points @ about_y.T
+    return points @ about_y(config.folder_yaw_degrees).T
+
+
+def about_y(degrees: float) -> np.ndarray:
+    """(3, 3) rotation about y; 90 degrees bring +z to +x and +x to -z."""
+    yaw = np.radians(degrees)
+    return np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
 
 
 def _parts(

@@ -20,6 +20,17 @@ _WALL = 0.87  # cells this near to the surface are wall: half the diagonal of a 
 _REST = 0.25  # cells of thickness left by the final shrink, so that sheets keep two sides
 
 
+def remesh(
+    vertices: np.ndarray, faces: np.ndarray, method: str, target_vertices: int = 1000
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`watertight_remesh` or, for method ``ball_pivoting``, the paper's reconstruction."""
+    if method == "watertight":
+        return watertight_remesh(vertices, faces, target_vertices)
+    from hoi.exemplars.ball_pivoting import ball_pivoting_remesh
+
+    return ball_pivoting_remesh(vertices, faces, target_vertices)
+
+
 def watertight_remesh(
     vertices: np.ndarray, faces: np.ndarray, target_vertices: int = 1000, cells: int = CELLS
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from hoi.exemplars.ray_surface import RaySurface
+
+_WALL = 0.87  # nodes this near to the surface, in steps, are wall: half the diagonal of a cell
+_DIMENSIONS = 512  # k-means looks at so many principal directions when there are more shapes
+_BLOCK = 256  # shapes that are held in double precision at a time
 
 
 def unit_box(vertices: np.ndarray) -> np.ndarray:
@@ -22,7 +26,12 @@ def unit_box(vertices: np.ndarray) -> np.ndarray:
 def grid_points(grid: int) -> np.ndarray:
     """(grid^3, 3) float32 centres of the cells of the unit box, x slowest."""
     axis = (np.arange(grid, dtype=np.float32) + 0.5) / grid - 0.5
-    return np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    return _lattice(axis).reshape(-1, 3)
+
+
+def _lattice(axis: np.ndarray) -> np.ndarray:
+    """(n, n, n, 3) float32 points whose coordinates are those of `axis` (n,), x slowest."""
+    return np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).astype(np.float32)
 
 
 def signed_distances(vertices: np.ndarray, faces: np.ndarray, grid: int = 30) -> np.ndarray:
@@ -32,6 +41,44 @@ def signed_distances(vertices: np.ndarray, faces: np.ndarray, grid: int = 30) ->
     sign counts ray crossings (majority of several rays), so the mesh must be watertight.
     """
     return RaySurface(unit_box(vertices), faces).signed_distances(grid_points(grid))
+
+
+def soup_signed_distances(vertices: np.ndarray, faces: np.ndarray, grid: int = 30) -> np.ndarray:
+    """(grid^3,) distances of the unit-box cells to any triangles, negative in what they enclose.
+
+    For raw meshes of sheets, holes and loose pieces, where counting ray crossings gives noise.
+    Enclosed is what a flood from outside cannot reach on a lattice twice as fine, on which nodes
+    nearer to the surface than half a node's diagonal are wall.
+    """
+    from scipy import ndimage
+
+    surface = RaySurface(unit_box(vertices), faces)
+    step = 0.5 / grid
+    # the odd nodes of the lattice are the centres of the cells, and one ring around them
+    axis = step * np.arange(-2, 2 * grid + 3) - 0.5
+    cells = surface.distances(_lattice(axis[1::2]))
+    fine = np.repeat(np.repeat(np.repeat(cells, 2, 0), 2, 1), 2, 2)
+    count = len(axis)
+    fine = np.pad(fine, (0, 1), mode="edge")[:count, :count, :count]
+    # a node is at most a diagonal from the cell it copies: only there can it be wall
+    near = fine < (_WALL + np.sqrt(3)) * step
+    nodes = np.stack(np.nonzero(near), axis=-1)
+    fine[near] = surface.distances(axis[nodes].astype(np.float32))
+    wall = fine < _WALL * step
+    regions, _ = cast(tuple[np.ndarray, int], ndimage.label(~wall))
+    outside = regions == regions[0, 0, 0]
+    signed = np.where(outside | wall, fine, -fine)
+    return signed[3:-2:2, 3:-2:2, 3:-2:2].ravel()
+
+
+def turned(features: np.ndarray, quarters: int) -> np.ndarray:
+    """Signed distances (..., grid^3) of the same shapes turned about y by `quarters` of 90 degrees.
+
+    A quarter brings +x to -z, as in `about_y` of 90 degrees.
+    """
+    grid = round(features.shape[-1] ** (1 / 3))
+    cubes = features.reshape(*features.shape[:-1], grid, grid, grid)
+    return np.ascontiguousarray(np.rot90(cubes, quarters, axes=(-1, -3))).reshape(features.shape)
 
 
 def representatives(features: np.ndarray, k: int, seed: int, restarts: int = 10) -> np.ndarray:
@@ -65,9 +112,29 @@ def representatives(features: np.ndarray, k: int, seed: int, restarts: int = 10)
 
 
 def _isometric_coordinates(features: np.ndarray) -> np.ndarray:
-    """(N, D) -> (N, min(N, D)) with the same pairwise distances."""
-    if features.shape[1] <= len(features):
+    """(N, D) -> (N, min(N, D)) with the same pairwise distances.
+
+    Of more than `_DIMENSIONS` shapes only the leading principal directions are kept: thousands of
+    shapes lie close to them, and the clustering of all of them would take hours.
+    """
+    if features.shape[1] <= min(len(features), _DIMENSIONS):
         return features.astype(np.float64)
-    centred = features.astype(np.float64) - features.mean(axis=0, dtype=np.float64)
-    values, vectors = np.linalg.eigh(centred @ centred.T)
+    count = len(features)
+    if count <= _DIMENSIONS:
+        centred = features.astype(np.float64) - features.mean(axis=0, dtype=np.float64)
+        values, vectors = np.linalg.eigh(centred @ centred.T)
+        return vectors * np.sqrt(np.maximum(values, 0))
+    from scipy.linalg import eigh
+
+    mean = features.mean(axis=0, dtype=np.float64)
+    gram = np.empty((count, count))
+    blocks = [slice(start, min(start + _BLOCK, count)) for start in range(0, count, _BLOCK)]
+    for rows in blocks:
+        left = features[rows] - mean
+        for columns in blocks:
+            if columns.start >= rows.start:
+                gram[rows, columns] = left @ (features[columns] - mean).T
+                gram[columns, rows] = gram[rows, columns].T
+    span = (count - _DIMENSIONS, count - 1)
+    values, vectors = eigh(gram, subset_by_index=span, overwrite_a=True)
     return vectors * np.sqrt(np.maximum(values, 0))
