@@ -99,6 +99,36 @@ class GrabCutConfig(Settings):
     )
 
 
+class SegmenterConfig(Settings):
+    """Object mask from a box by the network that ships with the package."""
+
+    margin: float = Field(
+        default=1.5, ge=1, description="Side of the square shown / longer side of the box."
+    )
+    threshold: float = Field(default=0.5, gt=0, lt=1, description="Probability of an object pixel.")
+    refine: bool = Field(
+        default=True,
+        description="GrabCut decides on the pixels that the network is unsure of.",
+    )
+    sure_background: float = Field(
+        default=0.2, ge=0, le=0.5, description="Pixels less probable stay out."
+    )
+    sure_foreground: float = Field(
+        default=0.8, ge=0.5, le=1, description="Pixels more probable stay in."
+    )
+    iterations: int = Field(default=2, ge=1, description="Of GrabCut.")
+    longest_side: int = Field(default=420, ge=32, description="Pixels GrabCut's crop is reduced to.")
+    context: float = Field(
+        default=0.2, ge=0, description="Surroundings GrabCut sees, as a share of the box side."
+    )
+    minimum_fill: float = Field(
+        default=0.02,
+        ge=0,
+        le=1,
+        description="Where the network finds less of the box than this, GrabCut alone segments.",
+    )
+
+
 class DetectConfig(Settings):
     """Section 3.1 (detection) and 4.2 (what counts as detected)."""
 
@@ -106,6 +136,11 @@ class DetectConfig(Settings):
         default="given",
         description="given: the data set's own masks, as in the paper's supplementary evaluation; "
         "registry: detect boxes and segment them; prefer_given: detect what has no mask.",
+    )
+    object_masks: Literal["segmenter", "grabcut"] = Field(
+        default="segmenter",
+        description="How a detected object's box becomes a mask: by the network that ships with "
+        "the package (docs/segmenter.md), or by colour alone.",
     )
     keypoints: Literal["given", "registry"] = "given"
     landmarks: Literal["registry", "none"] = Field(
@@ -195,6 +230,7 @@ class DetectConfig(Settings):
     nanodet: NanoDetConfig = NanoDetConfig()
     blazepose: BlazePoseConfig = BlazePoseConfig()
     grabcut: GrabCutConfig = GrabCutConfig()
+    segmenter: SegmenterConfig = SegmenterConfig()
 
     @field_validator("labels")
     @classmethod

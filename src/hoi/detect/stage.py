@@ -68,7 +68,7 @@ class DetectStage:
         models_dir: folder of the model files, see :mod:`hoi.detect.models`; may be None when the
             configuration needs none.
         box_detector, pose_estimator, object_segmenter: other implementations of the roles in
-            :mod:`hoi.detect.backends`; by default NanoDet, BlazePose and GrabCut.
+            :mod:`hoi.detect.backends`; by default NanoDet, BlazePose and what the configuration names.
 
     Raises AssetError when a model file that the configuration needs is missing or damaged.
     """
@@ -99,9 +99,9 @@ class DetectStage:
         detects = config.masks != "given"
         self._find = PairFinder(config, box_detector) if detects and box_detector else None
         if detects and object_segmenter is None:
-            from hoi.detect.grabcut import GrabCut
+            from hoi.detect.segmenter import object_segmenter_of
 
-            self._segment = GrabCut(config.grabcut, config.blazepose.visible)
+            self._segment = object_segmenter_of(config)
 
     def __call__(self, frame: Frame, seed: int) -> Detection:
         """Detect in one frame.
