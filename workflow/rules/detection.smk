@@ -6,7 +6,7 @@ REGISTRY = CONFIG.detect.model_copy(update={"masks": "registry", "keypoints": "r
 use rule detect as detect_registry with:
     input:
         frames="results/{dataset}/frames/{chunk}.json",
-        models="resources/models/all.ready",
+        models=models_of(REGISTRY),
     output:
         index="results/{dataset}/detect_registry/{chunk}.json",
         seconds="results/{dataset}/detect_registry/{chunk}.seconds.json",

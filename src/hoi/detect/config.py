@@ -117,7 +117,9 @@ class SegmenterConfig(Settings):
         default=0.8, ge=0.5, le=1, description="Pixels more probable stay in."
     )
     iterations: int = Field(default=2, ge=1, description="Of GrabCut.")
-    longest_side: int = Field(default=420, ge=32, description="Pixels GrabCut's crop is reduced to.")
+    longest_side: int = Field(
+        default=420, ge=32, description="Pixels GrabCut's crop is reduced to."
+    )
     context: float = Field(
         default=0.2, ge=0, description="Surroundings GrabCut sees, as a share of the box side."
     )

@@ -68,7 +68,8 @@ class DetectStage:
         models_dir: folder of the model files, see :mod:`hoi.detect.models`; may be None when the
             configuration needs none.
         box_detector, pose_estimator, object_segmenter: other implementations of the roles in
-            :mod:`hoi.detect.backends`; by default NanoDet, BlazePose and what the configuration names.
+            :mod:`hoi.detect.backends`; by default NanoDet, BlazePose and the segmenter that the
+            configuration names.
 
     Raises AssetError when a model file that the configuration needs is missing or damaged.
     """

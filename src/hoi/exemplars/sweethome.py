@@ -59,6 +59,22 @@ class FurniturePack:
             np.array(turn.split(), float).reshape(3, 3),
         )
 
+    def indices(self) -> list[int]:
+        """Numbers of all entries."""
+        numbers = [key.partition("#") for key in self._properties]
+        return sorted(int(number) for head, _, number in numbers if head == "model")
+
+    def value(self, key: str, index: int) -> str:
+        """Any property of an entry; empty when it has none of that name."""
+        return self._properties.get(f"{key}#{index}", "")
+
+    def file(self, name: str) -> bytes | None:
+        """A file of the pack; None when there is none of that name."""
+        try:
+            return self._archive.read(name)
+        except KeyError:
+            return None
+
     def mesh(self, entry: CatalogueEntry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """vertices (V, 3) m, faces (F, 3) and group name of each face, in the canonical frame."""
         text = self._archive.read(entry.model).decode("latin-1")

@@ -1,0 +1,172 @@
+"""Render scenes to files: the photo, who is where, and what a pose model says of the person."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from hoi.body import DEFAULT_BODY
+from hoi.datasets.behave_mini.config import RenderConfig
+from hoi.datasets.behave_mini.render import RayScene, render
+from hoi.datasets.behave_mini.seeding import generator
+from hoi.segmenter.config import SceneConfig
+from hoi.segmenter.meshes import MeshStore
+from hoi.segmenter.scenes import Composer, Instance
+
+log = logging.getLogger(__name__)
+POSE_DATABASE = Path(__file__).parents[1] / "data" / "poses" / "database.npz"
+PERSON_SIDE = 256  # pixels of the stored person mask
+_ATTEMPTS = 20
+_MIN_PIXELS = 250  # of the main object, in a picture of 512 pixels
+_FAST = RenderConfig(shadow_rays=1, bounce_rays=2, blur_px=2.4)
+
+#: RGB picture and person box -> (H, W) probability of the person, or None where it sees nobody
+PersonMask = Callable[[np.ndarray, tuple[float, ...]], np.ndarray | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A rendered photo.
+
+    Args:
+        image: (S, S, 3) uint8 RGB.
+        owner: (S, S) uint8, the number of the instance seen, 0 for the place itself.
+        person: (256, 256) uint8 probability of the person by the pose model, 255 = certain;
+            zeros where there is none.
+        instances: what the numbers mean.
+    """
+
+    image: np.ndarray
+    owner: np.ndarray
+    person: np.ndarray
+    instances: list[Instance]
+
+    def number_of(self, kind: str) -> int:
+        """The first instance of a kind; 0 when there is none."""
+        return next((item.number for item in self.instances if item.kind == kind), 0)
+
+
+def draw_picture(
+    composer: Composer, config: SceneConfig, seed: int, name: str, person_mask: PersonMask
+) -> Picture:
+    """The picture called `name`; it depends on the seed and its own name alone."""
+    for attempt in range(_ATTEMPTS):
+        rng = generator(seed, "segmenter", name, attempt)
+        staged = composer(rng)
+        if staged is None:
+            continue
+        rays = RayScene(staged.scene)
+        hits = rays.first_hits(staged.camera)
+        surfaces = rays.surfaces_at(hits)
+        owner = np.where(surfaces >= 0, staged.owner[np.maximum(surfaces, 0)], 0)
+        if (owner == 1).sum() < _MIN_PIXELS * (config.side / 512) ** 2:
+            continue
+        image = render(rays, hits, staged.camera, staged.wardrobe, _FAST, rng)
+        kept = [item for item in staged.instances if (owner == item.number).any()]
+        person = np.zeros((PERSON_SIDE, PERSON_SIDE), np.uint8)
+        number = next((item.number for item in kept if item.kind == "person"), 0)
+        if number and (owner == number).sum() > 900 * (config.side / 512) ** 2:
+            person = _seen_person(rng, image, owner == number, person_mask)
+        return Picture(image, owner.astype(np.uint8), person, kept)
+    raise RuntimeError(f"picture {name}: no attempt shows the main object")
+
+
+def _seen_person(rng, image: np.ndarray, mask: np.ndarray, person_mask: PersonMask) -> np.ndarray:
+    """The pose model's mask from a box as loose as a detector's."""
+    columns, rows = np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))
+    box = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1], float)
+    box += np.tile(box[2:] - box[:2], 2) * rng.normal(0, 0.05, 4)
+    probability = person_mask(image, tuple(box.tolist()))
+    if probability is None:
+        return np.zeros((PERSON_SIDE, PERSON_SIDE), np.uint8)
+    small = cv2.resize(probability, (PERSON_SIDE, PERSON_SIDE), interpolation=cv2.INTER_AREA)
+    return np.rint(np.clip(small, 0, 1) * 255).astype(np.uint8)
+
+
+def save_picture(picture: Picture, path: Path, jpeg_quality: int) -> None:
+    """Write a picture as one file."""
+    flag = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
+    names = json.dumps([vars(item) for item in picture.instances])
+    arrays = {
+        "image": cv2.imencode(".jpg", np.ascontiguousarray(picture.image[..., ::-1]), flag)[1],
+        "owner": cv2.imencode(".png", picture.owner)[1],
+        "person": cv2.imencode(".png", picture.person)[1],
+        "instances": np.frombuffer(names.encode(), np.uint8),
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(".partial")
+    with partial.open("wb") as file:
+        np.savez(file, **{key: np.asarray(value).ravel() for key, value in arrays.items()})
+    partial.replace(path)
+
+
+def picture_names(config: SceneConfig, split: str) -> list[str]:
+    """Names of all pictures of ``train`` or ``validation``."""
+    count = config.scenes if split == "train" else config.validation
+    return [f"{split}-{number:05d}" for number in range(count)]
+
+
+def render_pictures(
+    names: Iterable[str],
+    folder: Path,
+    config: SceneConfig,
+    seed: int,
+    meshes: Path,
+    models_dir: Path,
+    body_model: Path = DEFAULT_BODY,
+    pose_database: Path = POSE_DATABASE,
+) -> list[Path]:
+    """Render the named pictures that are not in `folder` yet; returns all their files.
+
+    Args:
+        meshes: folder written by :func:`hoi.segmenter.meshes.build_store`.
+        models_dir: folder with the pose model's files.
+    """
+    files = [folder / f"{name}.npz" for name in names]
+    composers: dict[bool, Composer] = {}
+    look = pose_model(models_dir)
+    for file in files:
+        if file.is_file():
+            continue
+        held_out = file.stem.startswith("validation")
+        if held_out not in composers:
+            store = MeshStore(meshes)
+            composers[held_out] = Composer(config, store, held_out, body_model, pose_database, seed)
+        picture = draw_picture(composers[held_out], config, seed, file.stem, look)
+        save_picture(picture, file, config.jpeg_quality)
+        log.info("%s: %s", file.stem, picture.instances[0].name)
+    return files
+
+
+def pose_model(models_dir: Path) -> PersonMask:
+    """BlazePose as it will be used on photos, in its quicker size."""
+    from hoi.detect.blazepose import BlazePose
+    from hoi.detect.config import BlazePoseConfig
+
+    model = BlazePose(BlazePoseConfig(complexity="full", passes=1), models_dir)
+
+    def look(image: np.ndarray, box: tuple[float, ...]) -> np.ndarray | None:
+        side = float(image.shape[0])
+        intrinsics = np.array([[side, 0, side / 2], [0, side, side / 2], [0, 0, 1.0]])
+        found = model(image, (box[0], box[1], box[2], box[3]), intrinsics)
+        return None if found is None else found.probability
+
+    return look
+
+
+def load_picture(path: Path) -> Picture:
+    """Read a picture back."""
+    with np.load(path, allow_pickle=False) as file:
+        image = cv2.imdecode(file["image"], cv2.IMREAD_COLOR)
+        owner = cv2.imdecode(file["owner"], cv2.IMREAD_UNCHANGED)
+        person = cv2.imdecode(file["person"], cv2.IMREAD_UNCHANGED)
+        rows = json.loads(file["instances"].tobytes())
+    return Picture(
+        np.ascontiguousarray(image[..., ::-1]), owner, person, [Instance(**row) for row in rows]
+    )

@@ -1,0 +1,171 @@
+"""The object segmenter: shipped weights, geometry of its crops, its place in the detect stage."""
+
+import gzip
+
+import cv2
+import numpy as np
+import pytest
+
+from hoi.detect.backends import PersonPose
+from hoi.detect.config import DetectConfig, SegmenterConfig
+from hoi.detect.grabcut import GrabCut
+from hoi.detect.segmenter import Segmenter, object_segmenter_of, refined
+from hoi.errors import AssetError
+from hoi.segmenter.crops import (
+    SIDE,
+    box_crop,
+    crop_matrix,
+    cropped,
+    network_inputs,
+    pasted,
+    picture_crop,
+)
+from hoi.segmenter.files import halved, load_model, widened
+from hoi.segmenter.runtime import DEFAULT_WEIGHTS, MaskNetwork
+
+
+@pytest.fixture(scope="module")
+def network():
+    return MaskNetwork()
+
+
+def overlap(first, second):
+    return (first & second).sum() / max((first | second).sum(), 1)
+
+
+def nobody(shape):
+    empty = np.zeros((21, 3), np.float32)
+    return PersonPose(empty, empty, np.zeros(shape, np.float32), 0.0)
+
+
+def ball_on_grass():
+    """A shaded ball on green noise, where nothing but its outline gives the object away."""
+    rng = np.random.default_rng(0)
+    y, x = np.mgrid[:240, :320].astype(np.float32)
+    noise = cv2.GaussianBlur(rng.normal(0, 1, (240, 320)).astype(np.float32), (0, 0), 2)
+    image = np.stack([70 + 90 * noise, 110 + 90 * noise, 60 + 60 * noise], -1)
+    mask = (x - 150) ** 2 + (y - 120) ** 2 < 55**2
+    shade = 1.1 - np.hypot(x - 130, y - 95) / 110
+    image[mask] = (np.array([230, 120, 40]) * shade[..., None])[mask]
+    return np.clip(image, 0, 255).astype(np.uint8), mask
+
+
+# ------------------------------------------------------------------------------ crops
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_what_is_cropped_and_pasted_is_where_it_was(mirrored):
+    mask = np.zeros((300, 400), np.float32)
+    mask[90:200, 120:260] = 1
+    box = (110, 80, 280, 210)
+    matrix = crop_matrix(box, angle=0.2, mirrored=mirrored)
+    back = pasted(cropped(mask, matrix), matrix, mask.shape, 0.0) > 0.5
+    assert overlap(back, mask > 0.5) > 0.97
+    still = crop_matrix(box)
+    back = pasted(cropped(mask, still), still, mask.shape, 0.0) > 0.5
+    np.testing.assert_array_equal(back, mask > 0.5)
+
+
+def test_the_box_lies_in_its_crop_as_the_pixels_do():
+    shape, box = (200, 300), (50, 60, 200, 120)
+    inside = np.zeros(shape, np.uint8)
+    inside[60:120, 50:200] = 255
+    matrix = crop_matrix(box)
+    difference = box_crop(box, matrix, shape) / 255.0 - cropped(inside, matrix, smooth=False) / 255
+    assert np.abs(difference).mean() < 0.01
+
+
+@pytest.mark.parametrize("box", [(-40, -30, 20, 15), (290, 190, 340, 260), (10, 10, 10.2, 10.1)])
+def test_boxes_at_the_edge_give_a_mask_of_the_pictures_size(network, box):
+    image = np.zeros((200, 300, 3), np.uint8)
+    probability = network(image, box, np.zeros((200, 300)))
+    assert probability.shape == (200, 300) and np.isfinite(probability).all()
+    assert probability.min() >= 0 and probability.max() <= 1
+
+
+def test_a_crop_beyond_the_picture_is_filled():
+    image = np.full((50, 50, 3), 200, np.uint8)
+    away = picture_crop(image, crop_matrix((500, 500, 540, 540)))
+    assert away.shape == (SIDE, SIDE, 3) and (away == away[0, 0]).all()
+    picture, prompt = network_inputs(away[None], *np.zeros((2, 1, SIDE, SIDE), np.uint8))
+    assert np.abs(picture).max() < 0.02 and not prompt.any()
+
+
+# -------------------------------------------------------------------- the shipped weights
+
+
+def test_the_weights_are_small_and_a_valid_onnx_model():
+    import onnx
+
+    assert DEFAULT_WEIGHTS.stat().st_size <= 9e6
+    stored = onnx.load_from_string(gzip.decompress(DEFAULT_WEIGHTS.read_bytes()))
+    onnx.checker.check_model(stored)
+    wide = onnx.load_from_string(load_model(DEFAULT_WEIGHTS))
+    assert not any(node.op_type == "Cast" and node.input[0].endswith(".half")
+                   for node in wide.graph.node)  # fmt: skip
+    again = halved(wide)
+    assert widened(again) == widened(DEFAULT_WEIGHTS.read_bytes())
+
+
+def test_a_damaged_or_missing_file_is_named(tmp_path):
+    with pytest.raises(AssetError, match="nowhere"):
+        MaskNetwork(tmp_path / "nowhere.onnx.gz")
+    broken = tmp_path / "broken.onnx.gz"
+    broken.write_bytes(DEFAULT_WEIGHTS.read_bytes()[:5000])
+    with pytest.raises(AssetError, match="broken"):
+        MaskNetwork(broken)
+
+
+def test_an_object_that_only_its_shape_gives_away_is_found(network):
+    image, mask = ball_on_grass()
+    found = network(image, (92, 62, 208, 178), np.zeros(mask.shape)) > 0.5
+    assert overlap(found, mask) > 0.85
+
+
+def test_equal_pictures_give_equal_bytes(network):
+    image, mask = ball_on_grass()
+    empty = np.zeros(mask.shape)
+    outcomes = {network(image, (92, 62, 208, 178), empty).tobytes() for _ in range(3)}
+    assert len(outcomes) == 1
+
+
+# ------------------------------------------------------------------------- the back end
+
+
+def test_the_configuration_names_the_segmenter():
+    assert isinstance(object_segmenter_of(DetectConfig()), Segmenter)
+    assert isinstance(object_segmenter_of(DetectConfig(object_masks="grabcut")), GrabCut)
+
+
+def test_grabcut_settles_only_the_unsure_pixels():
+    image, mask = ball_on_grass()
+    unsure = np.where(mask, 0.6, 0.1).astype(np.float32)
+    unsure[cv2.erode(mask.astype(np.uint8), np.ones((25, 25))) > 0] = 0.95
+    ring = cv2.dilate(mask.astype(np.uint8), np.ones((15, 15))) > 0
+    unsure[ring & ~mask] = 0.55  # too large: the colours must cut it back
+    settled = refined(image, (92, 62, 208, 178), unsure, SegmenterConfig(), seed=0)
+    assert not settled[unsure < 0.2].any() and settled[unsure > 0.8].all()
+    assert overlap(settled, mask) > overlap(unsure > 0.5, mask) + 0.1
+    again = refined(image, (92, 62, 208, 178), unsure, SegmenterConfig(), seed=0)
+    np.testing.assert_array_equal(settled, again)
+
+
+def test_where_the_network_finds_nothing_colour_decides():
+    image, mask = ball_on_grass()
+
+    def blind(image, box, person, margin):
+        return np.zeros(image.shape[:2], np.float32)
+
+    colours = GrabCut(DetectConfig().grabcut, 0.5)
+    stage = Segmenter(SegmenterConfig(), blind, colours)
+    found, source = stage(image, (92, 62, 208, 178), nobody(mask.shape), seed=0)
+    assert not source.startswith("segmenter") and found.any()
+
+
+def test_the_source_says_whether_colour_had_a_say(network):
+    image, mask = ball_on_grass()
+    colours = GrabCut(DetectConfig().grabcut, 0.5)
+    for refine, name in ((True, "segmenter_grabcut"), (False, "segmenter")):
+        stage = Segmenter(SegmenterConfig(refine=refine), network, colours)
+        found, source = stage(image, (92, 62, 208, 178), nobody(mask.shape), seed=0)
+        assert source == name and overlap(found, mask) > 0.85
