@@ -6,11 +6,15 @@ import numpy as np
 
 from hoi.artifacts import (
     Action,
+    Arrangement,
     BodyFit,
     Candidate,
     Contact,
+    ContactSet,
     Detection,
     Evaluation,
+    Extent,
+    Extents,
     Frame,
     GroundTruth,
     Interaction,
@@ -211,9 +215,16 @@ def prior(frame_id: str = "f") -> Prior:
             action="sit",
             contacts=[seat, back],
             unmapped=["cushion: no such part"],
+            alternatives=[
+                ContactSet(name="leaning back", contacts=[seat, back], probability=0.65),
+                ContactSet(name="upright", contacts=[seat], probability=0.35),
+            ],
+            no_contact=0.1,
+            arrangement=Arrangement(relation="below", facing="same"),
             stands_on_floor=True,
             source="paper",
         ),
+        extents=Extents(height=Extent(low=0.75, typical=0.87, high=1.15)),
         default=Interaction(action="sit", contacts=[seat], source="paper"),
     )
 

@@ -20,7 +20,7 @@ from hoi.priors.mapping import (
     map_object_part,
 )
 from hoi.priors.stage import PriorStage
-from hoi.priors.tables import RECORDED, load_tables
+from hoi.priors.tables import NEEDED_TABLES, RECORDED, RICHER_TABLES, load_tables
 
 PAPER_SIZES = {
     "backpack": 0.5, "bed": 2.0, "bowl": 0.15, "clock": 0.3, "cup": 0.1, "door": 2.1, "hat": 0.3,
@@ -188,6 +188,16 @@ def test_a_stool_has_no_back_and_no_arms():
         ("contacts.csv", "sofa,sit,a,b", "column is missing"),
         ("actions.csv", "sofa,sit,perhaps,no", "column stands_on_floor: 'perhaps'"),
         ("actions.csv", "sofa,sit,yes,perhaps", "column feet_on_floor: 'perhaps'"),
+        ("extents.csv", "chair,1,1,1,1,1,1,1,1,1,me,", "chair appears twice"),
+        ("extents.csv", "sofa,2,1,3,,,,,,,me,", "column height_m: 2.0, 1.0, 3.0"),
+        ("extents.csv", "sofa,,1,,,,,,,,me,", "column height_low: is empty"),
+        ("extents.csv", "sofa,,,,,,,,,,me,", "neither height nor width nor depth"),
+        ("alternatives.csv", "chair,sit,upright,0.9,chair_seat,butt,,me,", "disagree"),
+        ("alternatives.csv", "sofa,sit,a,2,chair_seat,butt,,me,", "column probability"),
+        ("arrangements.csv", "chair,sit,below,,0,me,", "chair sit appears twice"),
+        ("arrangements.csv", "sofa,sit,inside,,0,me,", "column relation: 'inside'"),
+        ("arrangements.csv", "sofa,sit,,up,0,me,", "column facing: 'up'"),
+        ("arrangements.csv", "sofa,sit,,,7,me,", "column no_contact: 7.0"),
     ],
 )
 def test_a_bad_row_is_named_with_file_line_and_column(tmp_path, name, line, problem):
@@ -204,6 +214,54 @@ def test_a_bad_row_is_named_with_file_line_and_column(tmp_path, name, line, prob
 def test_an_absent_table_is_named(tmp_path):
     with pytest.raises(AssetError, match=r"sizes\.csv"):
         load_tables(tmp_path)
+
+
+def test_the_richer_tables_may_be_absent(tmp_path):
+    for name in NEEDED_TABLES:
+        shutil.copy(RECORDED / f"{name}.csv", tmp_path)
+    tables = load_tables(tmp_path)
+    assert tables.sizes and not (tables.extents or tables.alternatives or tables.arrangements)
+
+
+@pytest.mark.parametrize("name", RICHER_TABLES)
+def test_every_row_of_the_richer_tables_is_marked_as_ours(name):
+    with open(RECORDED / f"{name}.csv", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert rows and all(row["source"].startswith("authored for hoi") for row in rows)
+
+
+def test_the_richer_tables_speak_of_recorded_actions_with_labels_that_exist():
+    from hoi.body import DEFAULT_BODY, BodyModel, part_vertices
+
+    regions = part_vertices(BodyModel.load(DEFAULT_BODY))
+    tables = load_tables()
+    assert set(tables.alternatives) <= set(tables.contacts)
+    assert set(tables.arrangements) <= set(tables.contacts)
+    for (category, action), sets in tables.alternatives.items():
+        assert sum(each.probability for each in sets) == pytest.approx(1.0), (category, action)
+        assert len(sets) > 1
+        for pair in (pair for each in sets for pair in each.pairs):
+            assert pair.object_part in OBJECT_PARTS.get(category, part_names(category))
+            expanded = expand_region(pair.body_region, pair.side)
+            assert expanded and all(len(regions[region]) for region in expanded)
+
+
+def test_no_contact_is_said_alike_by_arrangements_and_alternatives():
+    tables = load_tables()
+    for key, sets in tables.alternatives.items():
+        empty = sum(each.probability for each in sets if not each.pairs)
+        if empty:
+            assert tables.arrangements[key].no_contact == empty, key
+
+
+def test_every_single_size_fits_the_range_of_the_extent_that_it_measures():
+    tables = load_tables()
+    assert len(tables.extents) >= 30
+    for category, said in tables.extents.items():
+        size = tables.sizes[category]
+        ranges = [r for r in (said.height, said.width, said.depth) if r]
+        low, _, high = said.height if size.axis == "height" else max(ranges, key=lambda r: r[1])
+        assert 0.8 * low <= size.size_m <= 1.25 * high, category
 
 
 # ----------------------------------------------------------------------------- the mapping
@@ -320,6 +378,87 @@ def test_improbable_contacts_can_be_left_out():
     assert {c.object_part for c in prior.retrieved.contacts} == {"chair_back", "chair_seat"}
     with pytest.raises(FrameFailure, match="no contact"):
         prior_of("chair", "lift", min_probability=0.9)
+
+
+def test_a_prior_says_more_than_the_paper_where_the_tables_do():
+    prior = prior_of("chair", "carry", default="sitstand")
+    assert prior.retrieved is not None and prior.default is not None and prior.extents is not None
+    assert prior.extents.height is not None and prior.extents.height.low < 0.85
+    sets = prior.retrieved.alternatives
+    assert [each.name for each in sets] == ["back and seat", "by the back", "by the seat"]
+    parts = {(c.object_part, c.body_part, c.side) for c in sets[0].contacts}
+    assert parts == {(f"chair_{part}", f"{side}_hand", "either")
+                     for part in ("back", "seat") for side in ("left", "right")}  # fmt: skip
+    assert prior.default.no_contact == 0.3
+    assert prior.default.alternatives[1].contacts == []  # "no contact", the second most probable
+    assert prior.default.arrangement is not None
+    assert (prior.default.arrangement.relation, prior.default.arrangement.facing) == (
+        "below", "same")  # fmt: skip
+
+
+def test_alternatives_can_be_left_out_and_the_papers_answers_have_none():
+    for settings in ({"alternatives": "none"}, {"answers": "paper"}):
+        prior = prior_of("chair", "carry", **settings)
+        assert prior.retrieved is not None and prior.retrieved.alternatives == []
+    assert prior_of("chair", "carry", answers="paper").extents is None
+
+
+def test_an_action_in_which_nothing_touches_has_no_contacts_and_is_no_failure(tmp_path):
+    for table in RECORDED.glob("*.csv"):
+        shutil.copy(table, tmp_path)
+    with open(tmp_path / "arrangements.csv", "a") as stream:
+        stream.write("chair,look at,front,,0.9,me,\nchair,juggle,,,0.2,me,\n")
+    stage = PriorStage(PriorsConfig(), tmp_path)
+    found = stage.interaction("chair", "look at")
+    assert found.contacts == [] and found.no_contact == 0.9
+    with pytest.raises(FrameFailure, match="no recorded contacts"):
+        stage.interaction("chair", "juggle")
+
+
+# -------------------------------------------------------------------------- wrong answers
+
+
+def corrupted_pairs(seed: int, **settings) -> dict[tuple[str, str], float]:
+    artifact = Action(frame_id="f", action="sit", distance=0.1)
+    stage = PriorStage(PriorsConfig(**({"corrupt": 0.29} | settings)))
+    interaction = stage(frame=frame_with("chair"), action=artifact, seed=seed).retrieved
+    assert interaction is not None
+    return {(c.object_part, c.body_part): c.probability for c in interaction.contacts}
+
+
+TRUE = {("chair_seat", "butt"), ("chair_back", "back")}
+
+
+def test_the_asked_share_of_pairs_is_wrong_and_the_same_seed_gives_the_same_ones():
+    draws = [set(corrupted_pairs(seed)) for seed in range(150)]
+    kept = sum(pair in draw for draw in draws for pair in TRUE) / (2 * len(draws))
+    assert 0.64 < kept < 0.78
+    assert set(corrupted_pairs(3)) == draws[3]
+    wrong = {pair for draw in draws for pair in draw - TRUE}
+    assert len(wrong) > 5 and {part for part, _ in wrong} <= set(OBJECT_PARTS["chair"])
+    assert set(corrupted_pairs(0, corrupt=0.0)) == TRUE
+    assert not set(corrupted_pairs(0, corrupt=1.0)) & TRUE
+
+
+def test_voting_over_independent_answers_brings_the_true_pairs_back():
+    kept = [set(corrupted_pairs(seed, votes=10)) for seed in range(40)]
+    assert all(pairs <= TRUE for pairs in kept)
+    assert sum(map(len, kept)) > 75  # of 80
+    shares = [corrupted_pairs(seed, votes=10, min_share=0.0) for seed in range(20)]
+    assert all(max(each.values()) == 1.0 for each in shares)
+    wrong = [share for each in shares for pair, share in each.items() if pair not in TRUE]
+    assert wrong and np.mean(wrong) < 0.3
+
+
+def test_the_distinct_answers_of_a_vote_can_be_the_alternatives():
+    artifact = Action(frame_id="f", action="sit", distance=0.1)
+    config = PriorsConfig(corrupt=0.29, votes=10, alternatives="answers", max_alternatives=3)
+    prior = PriorStage(config)(frame=frame_with("chair"), action=artifact, seed=1)
+    assert prior.retrieved is not None
+    sets = prior.retrieved.alternatives
+    assert 1 < len(sets) <= 3 and sum(each.probability for each in sets) <= 1
+    first = {(c.object_part, c.body_part) for c in sets[0].contacts}
+    assert first == TRUE and sets[0].probability >= sets[1].probability
 
 
 @pytest.mark.parametrize(

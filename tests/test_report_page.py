@@ -254,3 +254,10 @@ def test_every_file_that_a_page_is_made_of_is_named_so_that_edits_can_be_noticed
     names = {path.name for path in asset_files()}
     assert {"frame.html.j2", "style.css", "viewer.js", "gallery.js", "paper_tables.csv"} <= names
     assert not any(name.endswith(".py") for name in names)
+
+
+def test_what_the_prior_says_beyond_the_paper_is_told():
+    text = " ".join(Reader(page()).words)
+    assert "height 0.75–1.15 m" in text
+    assert "below, turned same" in text
+    assert "leaning back (65%), upright (35%)" in text and "10%" in text

@@ -347,11 +347,61 @@ class Contact(Record):
     source: str = ""
 
 
+class ContactSet(Record):
+    """One of several ways to do the same: a chair is carried by its back, its seat *or* its arms.
+
+    A set replaces the contacts of its interaction, it does not add to them. One without contacts
+    says that nothing touches.
+    """
+
+    name: str
+    contacts: list[Contact]
+    probability: float = 1.0
+    source: str = ""
+
+
+class Arrangement(Record):
+    """Where the object is, seen from the person, and which way its front looks.
+
+    `relation` is in the person's own frame (front: before the chest). `facing` compares the
+    object's front (a chair's seat side, a screen) with the person's: same, opposite (they face each
+    other), sideways. Empty: not said.
+    """
+
+    relation: Literal["", "front", "behind", "below", "above", "beside"] = ""
+    facing: Literal["", "same", "opposite", "sideways"] = ""
+    source: str = ""
+
+
+class Extent(Record):
+    """A length in metres as a range: `low` to `high` hold most things of the kind."""
+
+    low: float
+    typical: float
+    high: float
+
+
+class Extents(Record):
+    """Sizes along the object's own axes; what nobody said is None."""
+
+    height: Extent | None = None
+    width: Extent | None = None
+    depth: Extent | None = None
+    source: str = ""
+
+
 class Interaction(Record):
-    """What the language model says of one action with one object."""
+    """What the language model says of one action with one object.
+
+    `alternatives`, `no_contact` (probability that nothing touches) and `arrangement` are more than
+    the paper asks for; empty, 0 and None where nobody said it.
+    """
 
     action: str
     contacts: list[Contact]
+    alternatives: list[ContactSet] = []
+    no_contact: float = 0.0
+    arrangement: Arrangement | None = None
     unmapped: list[str] = []  # answers that name no known part, with the reason
     stands_on_floor: bool = False
     feet_on_floor: bool = True  # False: feet may hang, or stand on the object
@@ -367,6 +417,7 @@ class Prior(Artifact):
     size_m: float | None = None
     size_axis: str = "longest"  # longest | height: the extent that size_m measures
     size_source: str = ""
+    extents: Extents | None = None  # more than the paper's single size, where somebody said it
     retrieved: Interaction | None = None
     default: Interaction | None = None
 
@@ -391,6 +442,7 @@ class Joint(Artifact):
     contact_vertices: Array("float32", None) | None = None  # type: ignore[valid-type]
     # per hypothesis: the terms of the final loss, what selection saw, the winner
     hypothesis_exemplars: list[str] = []
+    hypothesis_contacts: list[str] = []  # the contact set each one followed; empty: there was one
     hypothesis_terms: dict[str, list[float]] = {}
     selected: int | None = None
     selection_rule: str = ""

@@ -17,6 +17,7 @@ from hoi.errors import HoiError
 from hoi.exemplars.categories import known_categories
 from hoi.exemplars.shape_index import folder_state
 from hoi.manifest import PHOTOS, chunk_settings, frame_labels, plan
+from hoi.priors.tables import NEEDED_TABLES, RICHER_TABLES
 
 try:
     CONFIG = read_config(config)
@@ -86,7 +87,7 @@ BEHAVE_MINI_ASSETS = [
     "src/hoi/data/body/neutral.npz",
     *(f"src/hoi/data/furniture/{name}.npz" for name in ("chair", "stool", "table", "backpack", "suitcase", "keyboard")),
 ]
-PRIOR_TABLES = [f"src/hoi/data/priors/{name}.csv" for name in ("sizes", "contacts", "actions")]
+PRIOR_TABLES = [f"src/hoi/data/priors/{name}.csv" for name in (*NEEDED_TABLES, *RICHER_TABLES)]
 
 
 def exemplars_of(chunk):

@@ -1,5 +1,8 @@
 # Section 3.3: what the language model says of the object and the action
 
+# who was asked, and how, shows in the tables; what follows depends on the answers alone
+LOOKUP = CONFIG.priors.model_dump(mode="json", exclude={"source", "llm"})
+
 
 rule priors:
     input:
@@ -10,7 +13,7 @@ rule priors:
         index="results/{dataset}/priors/{chunk}.json",
         seconds="results/{dataset}/priors/{chunk}.seconds.json",
     params:
-        identity=stage_identity("priors", CONFIG.priors),
+        identity=stage_identity("priors", LOOKUP),
     message:
         "Looking up priors for {wildcards.chunk}"
     log:

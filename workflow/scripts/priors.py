@@ -8,10 +8,10 @@ from hoi.artifacts import Action, Frame, Prior
 
 
 def make_stage():
-    from hoi.priors.config import PriorsConfig
+    from hoi.priors.config import LookupConfig
     from hoi.priors.stage import PriorStage
 
-    config = PriorsConfig(**snakemake.params.identity["settings"])
+    config = LookupConfig(**snakemake.params.identity["settings"])
     return PriorStage(config, Path(snakemake.input.answers[0]).parent)
 
 

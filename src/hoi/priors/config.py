@@ -1,14 +1,15 @@
-"""Every setting of the prior stage."""
+"""Every setting of the prior stage, and of asking a language model for priors."""
 
 from typing import Literal
+from urllib.parse import urlsplit
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from hoi.settings import Settings
 
 
-class PriorsConfig(Settings):
-    """Which recorded answers are used, and how [paper 3.3]."""
+class LookupConfig(Settings):
+    """How answers become the prior of a frame [paper 3.3]."""
 
     answers: Literal["all", "paper"] = Field(
         default="all",
@@ -24,6 +25,40 @@ class PriorsConfig(Settings):
     min_probability: float = Field(
         default=0.0, ge=0, le=1, description="contacts less probable than this are left out"
     )
+    alternatives: Literal["none", "recorded", "answers"] = Field(
+        default="recorded",
+        description="other contact sets of the same action. none: the paper's single list; "
+        "recorded: those of the tables; answers: the distinct answers of a simulated vote "
+        "(`votes`, for the study of wrong answers)",
+    )
+    max_alternatives: int = Field(
+        default=3, ge=1, description="at most so many sets, the most probable ones"
+    )
+    corrupt: float = Field(
+        default=0.0,
+        ge=0,
+        le=1,
+        description="for studies: share of the contact pairs that are replaced by wrong ones, "
+        "drawn anew for every frame. [4.1] people judged 29 % of GPT-3's to be wrong",
+    )
+    votes: int = Field(
+        default=1,
+        ge=1,
+        description="for studies: so many answers are drawn, each with its own wrong pairs, and "
+        "every pair is weighted by the share of answers that name it, relative to the largest",
+    )
+    min_share: float = Field(
+        default=0.4,
+        ge=0,
+        le=1,
+        description="for studies: pairs that a smaller share of the `votes` names are left out. "
+        "[4.1] fewer than 4 of 10: incorrect",
+    )
+
+    @property
+    def studies_answers(self) -> bool:
+        """Whether answers are made worse on purpose."""
+        return self.corrupt > 0 or self.votes > 1
 
 
 class ClientConfig(Settings):
@@ -46,9 +81,80 @@ class ClientConfig(Settings):
         "refresh: ask again for everything",
     )
     temperature: float = Field(default=0.0, ge=0, description="sampling temperature")
-    max_tokens: int = Field(default=64, ge=1, description="longest answer")
+    max_tokens: int = Field(default=64, ge=1, description="longest answer of a cloze prompt")
+    max_tokens_json: int = Field(default=512, ge=1, description="longest answer of a JSON prompt")
     samples: int = Field(
         default=1, ge=1, description="answers per question; their share is a probability"
     )
     timeout_seconds: float = Field(default=120.0, gt=0, description="per request")
     retries: int = Field(default=5, ge=0, description="after busy, server and connection errors")
+    min_interval_seconds: float = Field(
+        default=0.0, ge=0, description="rate limit: at least so long between two requests"
+    )
+
+    @field_validator("base_url")
+    @classmethod
+    def _is_an_address_without_secrets(cls, url: str) -> str:
+        parts = urlsplit(url)
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            raise ValueError(f"{parts.scheme or 'this'} is no http(s) address")
+        if parts.username or parts.password or parts.query:
+            raise ValueError("holds a user, password or query; the key comes from the environment")
+        return url
+
+
+class LanguageModelConfig(ClientConfig):
+    """Which model's answers the priors are made of, when `priors.source` is llm."""
+
+    prompt: Literal["paper", "question", "list", "json"] = Field(
+        default="paper",
+        description="paper: its two cloze prompts verbatim; question, list: the same asked in "
+        "other words; json: a chat model answers by a schema whose words are the labels, and also "
+        "says ranges of size, no contact, and where the object is",
+    )
+    recordings: str = Field(
+        default="src/hoi/data/priors/recordings", description="folder of the recorded answers"
+    )
+    map_parts: Literal["aliases", "model"] = Field(
+        default="model",
+        description="part names that the alias table does not know. model: ask the model, by the "
+        "second prompt; aliases: report them as unmapped",
+    )
+    gaps: Literal["recorded", "none"] = Field(
+        default="recorded",
+        description="what the model has no usable answer for. recorded: the tables of the package, "
+        "and the row says so; none: the frame ends as no_contact_prior or no_size_prior",
+    )
+
+
+class PriorsConfig(LookupConfig):
+    """Where the priors come from, and how they are looked up."""
+
+    source: Literal["recorded", "llm"] = Field(
+        default="recorded",
+        description="recorded: the reviewed tables of the package; llm: what the language model "
+        "under `llm` answered, replayed from its recordings",
+    )
+    llm: LanguageModelConfig = LanguageModelConfig()
+
+
+class StudyConfig(Settings):
+    """How answers are judged [paper 4.1]; results/priors.csv."""
+
+    judges: tuple[LanguageModelConfig, ...] = Field(
+        default=(), description="models whose recorded answers are compared"
+    )
+    ratings: tuple[str, ...] = Field(
+        default=(), description="csv files of human ratings, see docs/priors.md"
+    )
+    correct_above: float = Field(
+        default=0.6, ge=0, le=1, description="[4.1] correct: more than 6 of 10 votes"
+    )
+    incorrect_below: float = Field(
+        default=0.4, ge=0, le=1, description="[4.1] incorrect: fewer than 4 of 10 votes"
+    )
+    size_tolerance: float = Field(
+        default=0.25,
+        gt=0,
+        description="an answered size votes for a size that it differs from by at most this share",
+    )

@@ -91,12 +91,20 @@ _OBJECT_ALIASES: dict[str, dict[str, str]] = {
     "teddy": {"paw": "arm", "belly": "body", "back": "body", "foot": "leg"},
 }  # fmt: skip
 
-_PAIRED = ("hand", "foot", "leg", "arm", "forearm", "thigh")
-BODY_REGIONS: tuple[str, ...] = (
+PAIRED = ("hand", "foot", "leg", "arm", "forearm", "thigh")
+"""Regions that come as a left and a right one."""
+
+_SINGLE = (
     "head", "neck", "torso", "back", "butt", "chest", "belly", "waist", "shoulders", "lap",
     "mouth", "body",
-    *(f"{side}_{limb}" for limb in _PAIRED for side in ("left", "right")),
 )  # fmt: skip
+BODY_VOCABULARY: tuple[str, ...] = (*_SINGLE, *PAIRED)
+"""Body parts as a model may name them, without sides."""
+
+BODY_REGIONS: tuple[str, ...] = (
+    *_SINGLE,
+    *(f"{side}_{limb}" for limb in PAIRED for side in ("left", "right")),
+)
 """Regions of the body model that a contact may name; limbs come in pairs."""
 
 _BODY_ALIASES = {
@@ -118,10 +126,15 @@ class ObjectPart(NamedTuple):
 
 
 class BodyPart(NamedTuple):
-    """What a body part's name maps to: regions of the body model, none when unmapped."""
+    """What a body part's name maps to: regions of the body model, none when unmapped.
+
+    `region` and `side` say the same without pairs: "hands" is hand with no side.
+    """
 
     regions: tuple[str, ...]
     how: str  # alias | exact | unmapped
+    region: str = ""
+    side: str = ""
 
 
 def map_object_part(category: str, text: str) -> ObjectPart:
@@ -148,15 +161,16 @@ def map_body_part(text: str) -> BodyPart:
         if side not in ("left", "right", "both"):
             side, limb = "", name
         how = "alias" if limb in _BODY_ALIASES else "exact"
-        regions = expand_region(_BODY_ALIASES.get(limb, limb), side)
+        region = _BODY_ALIASES.get(limb, limb)
+        regions = expand_region(region, side)
         if regions:
-            return BodyPart(regions, how)
+            return BodyPart(regions, how, region, side if region in PAIRED else "")
     return BodyPart((), "unmapped")
 
 
 def expand_region(region: str, side: str) -> tuple[str, ...]:
     """Body regions of a limb and a side (left, right, both, either or empty); none if unknown."""
-    if region in _PAIRED:
+    if region in PAIRED:
         sides = (side,) if side in ("left", "right") else ("left", "right")
         return tuple(f"{each}_{region}" for each in sides)
     return (region,) if region in BODY_REGIONS else ()

@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
-from hoi.artifacts import Action, Contact, Frame, Interaction, Prior
+from hoi.artifacts import (
+    Action,
+    Arrangement,
+    Contact,
+    ContactSet,
+    Extent,
+    Extents,
+    Frame,
+    Interaction,
+    Prior,
+)
 from hoi.errors import FrameFailure
-from hoi.priors.config import PriorsConfig
+from hoi.priors.config import LookupConfig
+from hoi.priors.corruption import corrupted
 from hoi.priors.mapping import expand_region
-from hoi.priors.tables import ContactAnswer, PriorTables, load_tables
+from hoi.priors.tables import ContactAnswer, ExtentsAnswer, PriorTables, load_tables
 
 
 class PriorStage:
@@ -19,7 +31,7 @@ class PriorStage:
         priors_dir: folder with sizes.csv, contacts.csv and actions.csv; None for the package's.
     """
 
-    def __init__(self, config: PriorsConfig, priors_dir: Path | str | None = None):
+    def __init__(self, config: LookupConfig, priors_dir: Path | str | None = None):
         self._config = config
         folder = None if priors_dir is None else Path(priors_dir)
         self._tables = load_tables(folder, paper_only=config.answers == "paper")
@@ -30,6 +42,7 @@ class PriorStage:
         Raises FrameFailure: ``no_size_prior`` for an object without a size, ``no_contact_prior``
         for an action without contacts.
         """
+        config = self._config
         size = self._tables.sizes.get(frame.category)
         if size is None:
             raise FrameFailure(
@@ -38,41 +51,57 @@ class PriorStage:
                 + ", ".join(sorted(self._tables.sizes)),
             )
         assert action.action is not None
+        # only a study of wrong answers draws lots
+        tables = corrupted(self._tables, config, seed) if config.studies_answers else self._tables
+
+        def interaction(name: str) -> Interaction:
+            return lookup_interaction(
+                tables, frame.category, name, config.min_probability,
+                config.max_alternatives if config.alternatives != "none" else 0,
+            )  # fmt: skip
+
         return Prior(
             frame_id=frame.frame_id,
             category=frame.category,
             size_m=size.size_m,
-            size_axis=size.axis if self._config.size_axis == "reviewed" else "longest",
+            size_axis=size.axis if config.size_axis == "reviewed" else "longest",
             size_source=size.source,
-            retrieved=self.interaction(frame.category, action.action),
-            default=self.interaction(frame.category, action.default_action or action.action),
+            extents=_extents(tables.extents.get(frame.category)),
+            retrieved=interaction(action.action),
+            default=interaction(action.default_action or action.action),
         )
 
     def interaction(self, category: str, action: str) -> Interaction:
         """The interaction map's entry for one action with one object."""
-        return lookup_interaction(self._tables, category, action, self._config.min_probability)
+        config = self._config
+        most = config.max_alternatives if config.alternatives != "none" else 0
+        return lookup_interaction(self._tables, category, action, config.min_probability, most)
 
 
 def lookup_interaction(
-    tables: PriorTables, category: str, action: str, min_probability: float = 0.0
+    tables: PriorTables,
+    category: str,
+    action: str,
+    min_probability: float = 0.0,
+    max_alternatives: int = 0,
 ) -> Interaction:
-    """Contacts of one action with one object; raises FrameFailure when none is recorded."""
-    answers = tables.contacts.get((category, action), ())
-    if not answers:
+    """Contacts of one action with one object; raises FrameFailure when none is recorded.
+
+    An action of which the tables say that nothing touches (more often than not) has no contacts.
+    """
+    key = category, action
+    answers, arrangement = tables.contacts.get(key, ()), tables.arrangements.get(key)
+    no_contact = arrangement.no_contact if arrangement else 0.0
+    if not answers and no_contact < 0.5:
         known = sorted(name for noun, name in tables.contacts if noun == category)
         raise FrameFailure(
             "no_contact_prior",
             f"no recorded contacts of {action!r} with a {category}; known: "
             + (", ".join(known) or "none"),
         )
-    contacts: list[Contact] = []
-    unmapped: list[str] = []
-    for answer in answers:
-        found = [c for c in _contacts(answer) if c.probability >= min_probability]
-        contacts.extend(found)
-        if not _contacts(answer):
-            unmapped.append(_unmapped(answer))
-    if not contacts:
+    contacts = usable_contacts(answers, min_probability)
+    unmapped = [_unmapped(answer) for answer in answers if not _contacts(answer)]
+    if not contacts and no_contact < 0.5:
         raise FrameFailure(
             "no_contact_prior",
             f"no contact of {action!r} with a {category} names a part that can be used"
@@ -81,11 +110,51 @@ def lookup_interaction(
     return Interaction(
         action=action,
         contacts=contacts,
+        alternatives=_alternatives(tables, key, max_alternatives),
+        no_contact=no_contact,
+        arrangement=Arrangement(
+            relation=arrangement.relation,  # type: ignore[arg-type]  # checked when it is read
+            facing=arrangement.facing,  # type: ignore[arg-type]
+            source=arrangement.source,
+        )
+        if arrangement
+        else None,
         unmapped=unmapped,
-        stands_on_floor=tables.stands_on_floor.get((category, action), False),
-        feet_on_floor=tables.feet_on_floor.get((category, action), True),
+        stands_on_floor=tables.stands_on_floor.get(key, False),
+        feet_on_floor=tables.feet_on_floor.get(key, True),
         source="; ".join(dict.fromkeys(answer.source for answer in answers)),
     )
+
+
+def usable_contacts(
+    answers: Iterable[ContactAnswer], min_probability: float = 0.0
+) -> list[Contact]:
+    """Contacts of the answers that have labels and are probable enough."""
+    return [c for a in answers for c in _contacts(a) if c.probability >= min_probability]
+
+
+def _alternatives(tables: PriorTables, key: tuple[str, str], most: int) -> list[ContactSet]:
+    return [
+        ContactSet(
+            name=answer.name,
+            contacts=usable_contacts(answer.pairs),
+            probability=answer.probability,
+            source=answer.source,
+        )
+        for answer in tables.alternatives.get(key, ())[:most]
+    ]
+
+
+def _extents(answer: ExtentsAnswer | None) -> Extents | None:
+    if answer is None:
+        return None
+    ranges = {
+        axis: Extent(low=low, typical=typical, high=high)
+        for axis in ("height", "width", "depth")
+        for low, typical, high in [getattr(answer, axis) or (0.0, 0.0, 0.0)]
+        if typical > 0
+    }
+    return Extents(**ranges, source=answer.source)
 
 
 def _contacts(answer: ContactAnswer) -> list[Contact]:

@@ -16,6 +16,7 @@ from hoi.artifacts import (
     BodyFit,
     Detection,
     Evaluation,
+    Extents,
     Interaction,
     Joint,
     ObjectFit,
@@ -194,6 +195,9 @@ def describe_prior(prior: Prior | None) -> Outcome:
         if found.retrieved is not None:
             floor = "stands on the floor" if found.retrieved.stands_on_floor else "may leave it"
             facts += [("Object", floor), ("Answer from", words(found.retrieved.source))]
+            facts += _beyond_the_paper(found.retrieved)
+        if found.extents is not None:
+            facts.append(("Usual range", _ranges(found.extents)))
         if unmapped:
             facts.append(("Not mapped", "; ".join(unmapped)))
         count = len(found.retrieved.contacts) if found.retrieved is not None else 0
@@ -201,6 +205,25 @@ def describe_prior(prior: Prior | None) -> Outcome:
         return Outcome("priors", "Prior", "ok", headline, tuple(facts), tuple(grids))
 
     return _outcome("priors", "Prior", prior, tell)
+
+
+def _beyond_the_paper(said: Interaction) -> list[tuple[str, str]]:
+    facts = []
+    if said.arrangement is not None and said.arrangement.relation:
+        turned = f", turned {said.arrangement.facing}" if said.arrangement.facing else ""
+        facts.append(("Seen from the person", said.arrangement.relation + turned))
+    if said.alternatives:
+        ways = (f"{each.name} ({each.probability:.0%})" for each in said.alternatives)
+        facts.append(("Other ways", ", ".join(ways)))
+    if said.no_contact > 0:
+        facts.append(("No contact", f"{said.no_contact:.0%}"))
+    return facts
+
+
+def _ranges(extents: Extents) -> str:
+    known = (("height", extents.height), ("width", extents.width), ("depth", extents.depth))
+    ranges = (f"{name} {number(each.low)}–{number(each.high)} m" for name, each in known if each)
+    return ", ".join(ranges)
 
 
 def describe_joint(joint: Joint | None) -> Outcome:
