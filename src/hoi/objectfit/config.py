@@ -27,6 +27,9 @@ class RefineStep(Settings):
     edge_weight: NonNegativeFloat = Field(
         description="rendered outline to mask outline, against 1 for the mask (PHOSA: 0.5)"
     )
+    off_screen_weight: NonNegativeFloat = Field(
+        default=0.0, description="vertices outside the region, in half sides of it (PHOSA: 1000)"
+    )
     distinct_deg: NonNegativeFloat = Field(
         default=0.0, description="poses of one exemplar that enter differ by at least this angle"
     )
@@ -82,6 +85,17 @@ PHOSA = Schedule(
     )
 )  # fmt: skip
 
+#: PHOSA's search as released, every start descended: half a minute per exemplar. The benchmark of
+#: pose recovery compares with it.
+PHOSA_RELEASED = Schedule(
+    steps=(
+        RefineStep(
+            poses=2000, resolution=256, iterations=50, learning_rate=1e-3, decay=False,
+            edge_weight=0.5, off_screen_weight=1000.0,
+        ),
+    )
+)  # fmt: skip
+
 
 class ObjectFitConfig(Settings):
     """Configuration of the object fit.
@@ -115,10 +129,11 @@ class ObjectFitConfig(Settings):
         default=(-3.0, 26.0), description="upright: how far the camera looks down"
     )
     roll_deg: Range = Field(default=(-8.0, 8.0), description="upright: roll of the camera")
-    schedule: Literal["fast", "paper", "phosa"] = "fast"
+    schedule: Literal["fast", "paper", "phosa", "phosa_released"] = "fast"
     fast: Schedule = FAST
     paper: Schedule = PAPER
     phosa: Schedule = PHOSA
+    phosa_released: Schedule = PHOSA_RELEASED
     prune_by: PositiveInt = Field(
         default=4,
         description="an exemplar enters the first step by the mean of its so many best scores",
@@ -162,4 +177,4 @@ class ObjectFitConfig(Settings):
     @property
     def chosen_schedule(self) -> Schedule:
         """The schedule that `schedule` names."""
-        return {"fast": self.fast, "paper": self.paper, "phosa": self.phosa}[self.schedule]
+        return getattr(self, self.schedule)

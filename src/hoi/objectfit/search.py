@@ -14,7 +14,15 @@ from hoi.exemplars import Exemplar
 from hoi.geometry import matrix_to_rotation_6d, rotation_6d_to_matrix
 from hoi.objectfit.config import RefineStep
 from hoi.objectfit.starts import align_to_boxes, support_vertices
-from hoi.rendering import MeshTopology, SilhouetteTarget, pose_silhouette_iou, pose_silhouette_loss
+from hoi.rendering import (
+    MeshTopology,
+    SilhouetteTarget,
+    off_screen,
+    pose_silhouette_iou,
+    pose_silhouette_loss,
+)
+
+_MOST_TOGETHER = 2500  # poses that descend at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,9 +123,26 @@ def refine(found: Sequence[Poses], step: RefineStep, view: View) -> list[Poses]:
 
     The translation moves as a shift across the image in units of the object's apparent size and as
     the logarithm of its depth, so one learning rate suits near and far, large and small objects.
-    All poses share one optimiser because at these sizes the calls cost more than the arithmetic;
-    Adam treats every number separately, so no pose feels the others.
+    Poses share one optimiser because at these sizes the calls cost more than the arithmetic; Adam
+    treats every number separately, so no pose feels the others.
     """
+    return [poses for group in _groups(found) for poses in _refine_together(group, step, view)]
+
+
+def _groups(found: Sequence[Poses]) -> list[list[Poses]]:
+    """Exemplars in order, in groups of at most _MOST_TOGETHER poses; memory stays bounded."""
+    groups: list[list[Poses]] = []
+    count = math.inf
+    for poses in found:
+        count += len(poses.ious)
+        if count > _MOST_TOGETHER:
+            groups.append([])
+            count = len(poses.ious)
+        groups[-1].append(poses)
+    return groups
+
+
+def _refine_together(found: Sequence[Poses], step: RefineStep, view: View) -> list[Poses]:
     start = torch.cat([poses.translations for poses in found])
     radius = torch.cat([torch.full((len(p.ious), 1), p.shape.radius) for p in found])
     six = matrix_to_rotation_6d(torch.cat([poses.rotations for poses in found])).requires_grad_()
@@ -165,15 +190,26 @@ def _losses(
 ) -> tuple[Tensor, Tensor]:
     counts = [len(poses.ious) for poses in found]
     results = [
-        pose_silhouette_loss(
-            poses.shape.vertices, r, t, view.intrinsics, poses.shape.topology, view.target, 1.0,
-            step.edge_weight,
-        )
+        _loss(poses.shape, r, t, step, view)
         for poses, r, t in zip(
             found, rotations.split(counts), translations.split(counts), strict=True
         )
-    ]  # fmt: skip
+    ]
     return torch.cat([loss for loss, _ in results]), torch.cat([iou for _, iou in results])
+
+
+def _loss(
+    shape: Shape, rotations: Tensor, translations: Tensor, step: RefineStep, view: View
+) -> tuple[Tensor, Tensor]:
+    loss, iou = pose_silhouette_loss(
+        shape.vertices, rotations, translations, view.intrinsics, shape.topology, view.target, 1.0,
+        step.edge_weight,
+    )  # fmt: skip
+    if step.off_screen_weight > 0:
+        placed = shape.vertices @ rotations.transpose(1, 2) + translations[:, None]
+        outside = off_screen(placed, view.intrinsics, *view.target.shape)
+        loss = loss + step.off_screen_weight * outside
+    return loss, iou
 
 
 def _sorted(

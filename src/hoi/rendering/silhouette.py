@@ -6,8 +6,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from hoi.geometry.camera import NEAR
+from hoi.geometry.camera import NEAR, project
 from hoi.rendering import kernels
+from hoi.rendering.clipping import clip_near
 from hoi.rendering.target import SilhouetteTarget
 from hoi.rendering.topology import MeshTopology
 
@@ -85,7 +86,8 @@ def pose_silhouette_loss(
     """:func:`silhouette_loss` of one mesh at B placements, differentiable in the placements.
 
     The same as projecting ``vertices @ linear.T + shift`` with :func:`hoi.geometry.project` first,
-    in a third of the time: neither the projected vertices nor their gradients are stored.
+    in a third of the time: neither the projected vertices nor their gradients are stored. A mesh
+    that crosses the near plane is cut there (see :func:`hoi.rendering.clip_near`), one at a time.
 
     Args:
         vertices: (V, 3) metres, object frame; no gradient reaches them.
@@ -101,9 +103,22 @@ def pose_silhouette_loss(
         ValueError: a shape does not fit.
     """
     _check_pose(vertices, linear, shift, topology)
-    return _PoseLoss.apply(
-        linear, shift, vertices, intrinsics, topology, target, mask_weight, edge_weight
-    )
+    crossing = _crossing_near(vertices, linear, shift)
+    whole = [i for i in range(len(linear)) if i not in crossing] if crossing else slice(None)
+    loss, iou = _PoseLoss.apply(
+        linear[whole], shift[whole], vertices, intrinsics, topology, target, mask_weight,
+        edge_weight,
+    )  # fmt: skip
+    if not crossing:
+        return loss, iou
+    order = torch.tensor([*whole, *crossing]).argsort()
+    cut = [
+        silhouette_loss(*_clipped(i, vertices, linear, shift, intrinsics, topology), target,
+                        mask_weight, edge_weight)
+        for i in crossing
+    ]  # fmt: skip
+    losses = torch.cat([loss, *(one for one, _ in cut)])
+    return losses[order], torch.cat([iou, *(one for _, one in cut)])[order]
 
 
 def pose_silhouette_iou(
@@ -122,7 +137,37 @@ def pose_silhouette_iou(
         _as_numpy(vertices), _as_numpy(linear), _as_numpy(shift), _camera(intrinsics),
         np.float32(NEAR), _mesh(topology), target.prefix, intersection, area,
     )  # fmt: skip
-    return torch.from_numpy(_iou(intersection, area, target)).to(linear.device)
+    iou = torch.from_numpy(_iou(intersection, area, target)).to(linear.device)
+    for i in _crossing_near(vertices, linear, shift):
+        cut = _clipped(i, vertices, linear.detach(), shift.detach(), intrinsics, topology)
+        iou[i] = silhouette_iou(*cut, target)[0]
+    return iou
+
+
+def _crossing_near(vertices: Tensor, linear: Tensor, shift: Tensor) -> list[int]:
+    """Placements that have vertices nearer than the near plane."""
+    with torch.no_grad():
+        reach = vertices.norm(dim=1).max() if len(vertices) else vertices.new_zeros(())
+        doubtful = shift[:, 2] - reach * linear[:, 2].norm(dim=1) < NEAR
+        if not bool(doubtful.any()):
+            return []
+        places = torch.nonzero(doubtful)[:, 0]
+        depth = linear[places, 2] @ vertices.T + shift[places, 2:]
+        return places[(depth < NEAR).any(1)].tolist()
+
+
+def _clipped(
+    index: int,
+    vertices: Tensor,
+    linear: Tensor,
+    shift: Tensor,
+    intrinsics: np.ndarray,
+    topology: MeshTopology,
+) -> tuple[Tensor, MeshTopology]:
+    """Image coordinates (1, V', 2) and topology of one placement's part before the near plane."""
+    placed = vertices @ linear[index].T + shift[index]
+    points, faces = clip_near(placed, topology.faces, NEAR)
+    return project(points, intrinsics)[None], MeshTopology.from_faces(faces, len(points))
 
 
 class _SilhouetteLoss(torch.autograd.Function):
