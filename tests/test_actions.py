@@ -17,7 +17,7 @@ from hoi.actions.leave_one_out import accuracy_table, leave_one_out
 from hoi.actions.retrieval import PoseIndex, pelvis_up_in_camera, pose_features
 from hoi.actions.space import DEFAULT_ACTION_SPACE, load_action_space
 from hoi.actions.stage import ActionStage
-from hoi.artifacts import BodyFit, Frame
+from hoi.artifacts import BodyFit, Frame, Hints
 from hoi.body.skeleton import JOINT
 from hoi.errors import AssetError, FrameFailure
 
@@ -204,6 +204,23 @@ def test_runners_up_are_every_other_action_nearest_first(stage, database):
     assert sorted([action.action, *others]) == database.actions_of("chair")
     distances = [action.distance, *(neighbour.distance for neighbour in action.runners_up)]
     assert distances == sorted(distances)
+
+
+def test_the_users_word_goes_before_retrieval_which_comes_next(stage, database):
+    body = body_with(database.body_pose[database.rows_of("chair")[0]])
+    frame = frame_with("chair")
+    found = stage(frame, body)
+    other = "sit" if found.action == "lift" else "lift"
+    told = frame.model_copy(update={"hints": Hints(action=other)})
+    overruled = stage(told, body)
+    assert overruled.action == told.hints.action != found.action
+    assert overruled.runners_up[0].action == found.action
+    assert "the user's word" in overruled.detail
+
+
+def test_the_users_word_holds_for_an_object_without_poses(stage, database):
+    frame = frame_with("anvil").model_copy(update={"hints": Hints(action="lift")})
+    assert stage(frame, body_with(database.body_pose[0])).action == "lift"
 
 
 def test_only_poses_with_the_frames_object_are_searched(stage, database):

@@ -1,6 +1,7 @@
 """Folders of photos: cameras from EXIF, objects by name, own masks, honest failures."""
 
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -220,3 +221,27 @@ def test_the_example_photos_are_all_named_and_readable():
     assert len(refs) == 6
     assert all(ref.category != "auto" for ref in refs)
     assert all(read_photo(config, ref).ok for ref in refs)
+
+
+def test_heic_without_its_package_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)
+    (tmp_path / "a.heic").write_bytes(b"not opened")
+    with pytest.raises(FrameFailure, match="pip install pillow-heif") as caught:
+        only(tmp_path)
+    assert caught.value.status == "heic_not_supported"
+
+
+def test_heic_is_read_like_any_photo(tmp_path):
+    heif = pytest.importorskip("pillow_heif", reason="optional: pip install pillow-heif")
+    heif.register_heif_opener()
+    save(tmp_path / "a.HEIC", FocalLengthIn35mmFilm=28)
+    frame = only(tmp_path)
+    assert frame.image.shape == (60, 80, 3)
+    assert frame.image[:25, :35].mean() > 200 > 50 > frame.image[35:, 45:].mean()
+    assert "35 mm" in frame.intrinsics_source
+
+
+def test_the_users_action_reaches_the_frame(tmp_path):
+    save(tmp_path / "a.jpg")
+    (tmp_path / "a.yaml").write_text("object: chair\naction: Sit\n")
+    assert only(tmp_path).hints.action == "sit"

@@ -200,6 +200,7 @@ class Hints(Record):
     person_point: tuple[float, float] | None = None
     object_box: tuple[float, float, float, float] | None = None
     object_point: tuple[float, float] | None = None
+    action: str = ""  # what the person does; goes before the retrieved action
 
 
 class Frame(Artifact):

@@ -15,8 +15,8 @@ from hoi.errors import FrameFailure
 class ActionStage:
     """Retrieves what the person does with the frame's object from the estimated body pose.
 
-    Reads the object category of the frame and the pose and tilt of the body, nothing else: the
-    data set's own action is the truth that only evaluation may see.
+    Reads the object category of the frame, what the user said of the action, and the pose and tilt
+    of the body, nothing else: the data set's own action is the truth that only evaluation may see.
 
     Args:
         config: settings of the stage.
@@ -31,10 +31,42 @@ class ActionStage:
         self._space = load_action_space(action_space, config.min_conceptnet_weight)
 
     def __call__(self, frame: Frame, body: BodyFit, seed: int = 0) -> Action:
-        """The action of the nearest pose among those of the frame's object.
+        """The action of the nearest pose among those of the frame's object, or the user's word.
 
-        Raises FrameFailure ``no_pose_for_object`` when the database has none.
+        Raises FrameFailure ``no_pose_for_object`` when the database has none and nobody said.
         """
+        if frame.hints.action:
+            return self._said(frame, body)
+        return self._retrieved(frame, body)
+
+    def _said(self, frame: Frame, body: BodyFit) -> Action:
+        """The user's action; what retrieval would have said comes next."""
+        said = frame.hints.action
+        try:
+            found = self._retrieved(frame, body)
+        except FrameFailure:
+            return Action(
+                frame_id=frame.frame_id,
+                detail=f"{said}: the user's word",
+                action=said,
+                distance=0.0,
+                default_action=said,
+            )
+        assert found.action is not None and found.distance is not None
+        pose = found.detail.removeprefix("nearest pose: ")
+        nearest = Neighbour(pose_id=pose, action=found.action, distance=found.distance)
+        ranked = [nearest, *found.runners_up]
+        own = [neighbour.distance for neighbour in ranked if neighbour.action == said]
+        return found.model_copy(
+            update={
+                "detail": f"{said}: the user's word; nearest pose: {pose} ({found.action})",
+                "action": said,
+                "distance": own[0] if own else found.distance,
+                "runners_up": [neighbour for neighbour in ranked if neighbour.action != said],
+            }
+        )
+
+    def _retrieved(self, frame: Frame, body: BodyFit) -> Action:
         assert body.body_pose is not None and body.global_orient is not None
         matches = self._index(frame.category).nearest_per_action(
             body.body_pose, pelvis_up_in_camera(body.global_orient)

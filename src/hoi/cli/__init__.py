@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from hoi.errors import HoiError
 
 COMMANDS: dict[str, tuple[str, str]] = {
+    "reconstruct": ("hoi.cli.reconstruct", "photos of people with objects -> 3D scenes"),
     "show": ("hoi.cli.show", "print result tables in the paper's layout"),
 }
 

@@ -25,7 +25,8 @@ from hoi.datasets.behave import open_image, read_mask
 from hoi.datasets.photos_config import PhotoNotes, PhotosConfig
 from hoi.errors import ConfigError, FrameFailure
 
-SUFFIXES = (".jpg", ".jpeg", ".png", ".webp")
+HEIF_SUFFIXES = (".heic", ".heif")
+SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", *HEIF_SUFFIXES)
 OBJECTS_FILE = "objects.yaml"
 _MASKS = (".person_mask", ".object_mask")
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
@@ -81,12 +82,12 @@ def photo_files(folder: Path | str, ref: PhotoRef) -> list[Path]:
 def read_photo(config: PhotosConfig, ref: PhotoRef) -> Frame:
     """One photo with its camera. `intrinsics_source` says where the focal length comes from.
 
-    Raises FrameFailure: image_missing, image_unreadable, mask_unreadable, mask_size_mismatch,
-    person_mask_empty, object_mask_empty.
+    Raises FrameFailure: image_missing, image_unreadable, heic_not_supported, mask_unreadable,
+    mask_size_mismatch, person_mask_empty, object_mask_empty.
     """
     folder = Path(config.folder).expanduser()
     path = folder / ref.file
-    picture = open_image(path)
+    picture = _opened(path)
     try:
         exif = _focal_tags(picture)
         upright = ImageOps.exif_transpose(picture)
@@ -196,6 +197,7 @@ def _hints(notes: PhotoNotes, scale: np.ndarray) -> Hints:
         person_point=scaled(notes.person_point),
         object_box=scaled(notes.box),
         object_point=scaled(notes.point),
+        action=(notes.action or "").strip().lower(),
     )
 
 
@@ -281,6 +283,21 @@ def _number(value: Any) -> float | None:
 
 
 # ------------------------------------------------------------------------------------ pixels
+
+
+def _opened(path: Path) -> Image.Image:
+    """The photo as stored; HEIC, as phones write it, through the optional pillow-heif."""
+    if path.suffix.lower() in HEIF_SUFFIXES:
+        try:
+            import pillow_heif  # pyright: ignore[reportMissingImports]
+        except ImportError as error:
+            raise FrameFailure(
+                "heic_not_supported",
+                f"{path.name}: reading HEIC needs one more package, `pip install pillow-heif`; "
+                "or save the photo as JPEG",
+            ) from error
+        pillow_heif.register_heif_opener()
+    return open_image(path)
 
 
 def _as_rgb(picture: Image.Image) -> Image.Image:

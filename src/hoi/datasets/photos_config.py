@@ -25,6 +25,9 @@ class PhotoNotes(Settings):
     person_point: Point | None = Field(default=None, description="a pixel of the person")
     box: Box | None = Field(default=None, description="x0, y0, x1, y1 of the object")
     point: Point | None = Field(default=None, description="a pixel of the object")
+    action: str | None = Field(
+        default=None, description="what the person does, e.g. sit; goes before the retrieved action"
+    )
     field_of_view_deg: float | None = Field(
         default=None, gt=0, lt=170, description="of the longer side"
     )
@@ -42,7 +45,9 @@ class PhotoNotes(Settings):
 class PhotosConfig(Settings):
     """Where photos are, what is in them, and what is assumed of a camera that does not say."""
 
-    folder: str = Field(default="examples/photos", description="jpg, png and webp files are read")
+    folder: str = Field(
+        default="examples/photos", description="jpg, png, webp and heic files are read"
+    )
     objects: dict[str, str | PhotoNotes] = Field(
         default={},
         description="photo (file name without suffix) -> object category, or several notes on it; "

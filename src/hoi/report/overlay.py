@@ -69,6 +69,7 @@ def frame_overlays(
     body_faces: np.ndarray,
     exemplars: Mapping[str, Exemplar] | Sequence[Exemplar] = (),
     config: ReportConfig | None = None,
+    up: np.ndarray = CAMERA_UP,
 ) -> tuple[Panel, ...]:
     """All panels of one frame and one method, in the order of the stages.
 
@@ -76,6 +77,7 @@ def frame_overlays(
         frame .. joint: artifacts; None for a stage that did not run, any status is welcome.
         body_faces: (F, 3) of the body model.
         exemplars: the category's exemplars, by name or in a row.
+        up: (3,) against gravity in the camera frame, for the views from the side and from above.
 
     Returns detection, body, exemplar_1.., joint, side, top.
     """
@@ -84,7 +86,7 @@ def frame_overlays(
         detection_panel(frame, detection, config),
         body_panel(frame, detection, body, body_faces, config),
         *exemplar_panels(frame, detection, objects, exemplars, config),
-        *joint_panels(frame, detection, joint, body_faces, config),
+        *joint_panels(frame, detection, joint, body_faces, config, up),
     )
 
 
@@ -215,8 +217,9 @@ def joint_panels(
     joint: Joint | None,
     body_faces: np.ndarray,
     config: ReportConfig,
+    up: np.ndarray = CAMERA_UP,
 ) -> tuple[Panel, Panel, Panel]:
-    """The final scene over the photo, from the side and from above."""
+    """The final scene over the photo, from the side and from above (`up`: against gravity)."""
     names = (("joint", "Result"), ("side", "From the side"), ("top", "From above"))
     blank = frame.image is None or frame.intrinsics is None
     if blank or joint is None or not joint.ok:
@@ -240,13 +243,13 @@ def joint_panels(
         ),
         Panel(
             *names[1],
-            _side_view([body, thing], config),
+            _side_view([body, thing], config, up),
             f"Side view of {who}",
             f"Camera on the left. {grid}",
         ),
         Panel(
             *names[2],
-            _top_view([body, thing], config),
+            _top_view([body, thing], config, up),
             f"View from above of {who}",
             f"Camera at the bottom. {grid}",
         ),
@@ -518,14 +521,24 @@ def _composite(
     return np.round(alpha * shot.colour + (1 - alpha) * canvas).astype(np.uint8)
 
 
-def _side_view(surfaces: list[Surface], config: ReportConfig) -> np.ndarray:
-    """Parallel view along -x of the camera: depth grows to the right, up is up."""
-    return _parallel_view(surfaces, np.array([0.0, 0.0, 1.0]), CAMERA_UP, config)
+def _level_axes(up: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unit up, the viewing direction made level, and the right of it."""
+    up = np.asarray(up, float) / np.linalg.norm(up)
+    ahead = np.array([0.0, 0.0, 1.0]) - up[2] * up
+    ahead /= np.linalg.norm(ahead)
+    return up, ahead, np.cross(ahead, up)
 
 
-def _top_view(surfaces: list[Surface], config: ReportConfig) -> np.ndarray:
+def _side_view(surfaces: list[Surface], config: ReportConfig, up: np.ndarray) -> np.ndarray:
+    """Parallel view against the camera's right: depth grows to the right, gravity is down."""
+    up, ahead, _ = _level_axes(up)
+    return _parallel_view(surfaces, ahead, up, config)
+
+
+def _top_view(surfaces: list[Surface], config: ReportConfig, up: np.ndarray) -> np.ndarray:
     """Parallel view from above: the camera's right is right, depth grows upwards."""
-    return _parallel_view(surfaces, np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), config)
+    _, ahead, right = _level_axes(up)
+    return _parallel_view(surfaces, right, ahead, config)
 
 
 def _parallel_view(

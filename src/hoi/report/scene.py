@@ -14,12 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from hoi.artifacts import GroundTruth, Joint
+from hoi.artifacts import GroundTruth, Joint, Prior
 from hoi.report.colours import blend, linear_from_srgb, rgb
 from hoi.report.config import ReportConfig
 from hoi.report.raycast import distance_to_surface
 
 CAMERA_UP = np.array([0.0, -1.0, 0.0])
+_STEEPEST = np.radians(40.0)  # photos are not tilted more; an object that seems so does not stand
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,19 @@ class Reconstruction:
     object_faces: np.ndarray
     up: np.ndarray
     ground_height: float | None = None
+
+
+def gravity_up(joint: Joint | None, prior: Prior | None) -> np.ndarray:
+    """(3,) unit direction against gravity in the camera frame, as well as a scene tells it.
+
+    An object that stands on the floor points up by its own axis; else the camera is taken as level.
+    """
+    stands = prior is not None and prior.retrieved is not None and prior.retrieved.stands_on_floor
+    if joint is None or not joint.ok or joint.object_rotation is None or not stands:
+        return CAMERA_UP
+    up = np.asarray(joint.object_rotation, float)[:, 1]
+    up = up / np.linalg.norm(up)
+    return up if up @ CAMERA_UP > np.cos(_STEEPEST) else CAMERA_UP
 
 
 def of_joint(joint: Joint, body_faces: np.ndarray, up: np.ndarray = CAMERA_UP) -> Reconstruction:
