@@ -13,6 +13,7 @@ from hoi.datasets.behave_mini import BehaveMiniConfig, plan
 from hoi.datasets.behave_mini.plan import group_actions, split_table
 from hoi.errors import ConfigError
 from hoi.geometry import project
+from hoi.plain_pickle import load_plain
 
 CONFIG = BehaveMiniConfig(image_width=512, frames_per_action=1)
 
@@ -159,7 +160,7 @@ def test_the_object_parameters_place_the_template_on_the_stored_mesh(root, refs)
         info = json.loads((sequence / "info.json").read_text())
         template = trimesh.load(sequence / info["template"], process=False)
         (path,) = (frame_folder(root, ref)).glob("*/fit01/*_fit.pkl")
-        pose = behave._load_plain_pickle(path)
+        pose = load_plain(path)
         centred = template.vertices - template.vertices.mean(0)
         rotation = Rotation.from_rotvec(pose["angle"]).as_matrix()
         np.testing.assert_allclose(

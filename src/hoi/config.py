@@ -10,6 +10,7 @@ import yaml
 from pydantic import Field, PositiveInt, ValidationError, model_validator
 
 from hoi.actions.config import ActionsConfig
+from hoi.datasets.behave_config import BehaveConfig
 from hoi.datasets.behave_mini.config import BehaveMiniConfig
 from hoi.datasets.photos_config import PhotosConfig
 from hoi.detect.config import DetectConfig
@@ -26,14 +27,6 @@ from hoi.smplify.config import SmplifyConfig
 DEFAULT_BODY_MODEL = "src/hoi/data/body/neutral.npz"
 ALL_MINI_FRAMES = 12  # per action: what `frames: all` means for a set that has no end
 POSE_DATABASE = "src/hoi/data/poses/database.npz"
-
-
-class BehaveConfig(Settings):
-    """The licensed data set, when the user has it."""
-
-    root: str | None = Field(
-        default=None, description="folder with split.json, sequences/, calibs/"
-    )
 
 
 class AssetsConfig(Settings):

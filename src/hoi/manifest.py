@@ -5,6 +5,7 @@ Made before anything runs, from names and file digests alone: no checkpoint, no 
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from collections.abc import Iterable
@@ -13,8 +14,10 @@ from pathlib import Path
 
 from hoi.config import RunConfig
 from hoi.datasets import behave_layout
+from hoi.datasets.behave_config import BehaveConfig
 from hoi.datasets.photos_config import PhotoNotes
 from hoi.digest import file_digest, json_digest
+from hoi.errors import FrameFailure
 from hoi.exemplars.categories import known_categories
 from hoi.exemplars.vocabulary import exemplar_category
 
@@ -86,17 +89,29 @@ def _behave(config: RunConfig, group: str) -> list[FrameInfo]:
     from hoi.datasets import behave
 
     root = config.behave_root
-    refs = behave.list_frames(root, group, config.split)
+    refs = behave.list_frames(root, group, config.split, config.behave)
     refs = _thinned(refs, config.frames)
     with FileDigests(Path(config.memo) / "digests.json") as digests:
         return [
             _info(
                 ref,
                 "behave",
-                digests.of([*behave.frame_files(root, ref), *behave.ground_truth_files(root, ref)]),
+                digests.of(_raw_files(root, ref, config.behave)),
             )
             for ref in refs
         ]
+
+
+def _raw_files(root: Path, ref: behave_layout.FrameRef, config: BehaveConfig) -> list[Path]:
+    """The files behind one frame. A frame whose files cannot even be named fails when it is read,
+    with its reason; here it counts by what it has."""
+    from hoi.datasets import behave
+
+    files: list[Path] = []
+    for name in (behave.frame_files, behave.ground_truth_files):
+        with contextlib.suppress(FrameFailure):
+            files += name(root, ref, config)
+    return files
 
 
 def _photos(config: RunConfig) -> list[FrameInfo]:

@@ -26,6 +26,14 @@ def generated_frames(wildcards):
     return []
 
 
+def reader_settings(wildcards):
+    """How the tree is read; the generated one has a single camera and nothing to choose."""
+    if wildcards.dataset == "behave_mini":
+        return {"root": "resources/behave_mini"}
+    # which frames are picked reaches the rule as its frames
+    return CONFIG.behave.model_dump(mode="json", exclude={"dates", "every", "frame_list"})
+
+
 rule frames:
     # BEHAVE, real or embedded: one reader
     input:
@@ -40,9 +48,7 @@ rule frames:
     params:
         frames=lambda wildcards: chunk_settings(chunk_named(wildcards.chunk)),
         identity=identity("frames", {}),
-        root=lambda wildcards: (
-            "resources/behave_mini" if wildcards.dataset == "behave_mini" else CONFIG.behave.root
-        ),
+        reader=reader_settings,
     message:
         "Reading the frames of {wildcards.chunk} ({wildcards.dataset})"
     log:

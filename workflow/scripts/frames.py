@@ -9,11 +9,13 @@ from chunk_job import logged
 from hoi.artifacts import Frame, GroundTruth
 from hoi.chunks import write_chunk
 from hoi.datasets.behave import read_frame, read_ground_truth
+from hoi.datasets.behave_config import BehaveConfig
 from hoi.datasets.behave_layout import parse_frame_id
 from hoi.digest import json_digest
 from hoi.memo import Memo
 
-root = Path(snakemake.params.root)
+config = BehaveConfig(**snakemake.params.reader)
+root = Path(config.root).expanduser()
 dataset = snakemake.wildcards.dataset
 frames = {frame["frame_id"]: frame for frame in snakemake.params.frames}
 generated = snakemake.input.get("generated")
@@ -21,6 +23,11 @@ if generated:  # the raw files were generated: their digests are known by now
     digests = json.loads(Path(generated).read_text())
     frames = {key: frame | {"digest": digests[key]} for key, frame in frames.items()}
 
+# where the tree lies and which frames were picked change no frame
+reader = config.model_dump(include={"kinect", "smplh_root"}) | {
+    "smplh": bool(config.smplh),
+    "fits_30fps": bool(config.fits_30fps),
+}
 memo = Memo(snakemake.config["memo"])
 with logged(snakemake):
     for name, kind, read, index, seconds in (
@@ -43,9 +50,9 @@ with logged(snakemake):
             name,
             kind,
             list(frames),
-            lambda frame_id, read=read: read(root, parse_frame_id(frame_id)),
+            lambda frame_id, read=read: read(root, parse_frame_id(frame_id), config),
             {
-                key: json_digest([name, frame, snakemake.params.identity])
+                key: json_digest([name, frame, reader, snakemake.params.identity])
                 for key, frame in frames.items()
             },
             index,

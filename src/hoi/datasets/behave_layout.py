@@ -5,7 +5,8 @@ Facts of the published layout (github.com/xiexh20/behave-dataset, README):
     sequences/DateXX_SubYY_<object>[_<action>]/info.json
     sequences/<sequence>/tSSSS.mmm/k1.color.jpg, k1.person_mask.*, k1.obj_rend_mask.*, k1.color.json
     sequences/<sequence>/tSSSS.mmm/person/fit02/person_fit.ply|pkl, <object>/fit01/<object>_fit.*
-    calibs/intrinsics/<kinect>/calibration.json, objects/<object>/<object>.obj, split.json
+    calibs/intrinsics/<kinect>/calibration.json, calibs/DateXX/config/<kinect>/config.json
+    objects/<object>/<object>.obj, <object>_fNNNN.ply, split.json
 
 Standard library only: a workflow that merely plans pays no import of numpy.
 """
@@ -29,6 +30,16 @@ CATEGORIES = {
     "suitcase": "suitcase",
     "keyboard": "keyboard",
 }
+
+#: all objects of the data set; those without an entry in `CATEGORIES` are in no result table
+OBJECTS = (
+    *CATEGORIES,
+    *("basketball", "boxlarge", "boxlong", "boxmedium", "boxsmall", "boxtiny", "monitor"),
+    *("plasticcontainer", "toolbox", "trashbin", "yogaball", "yogamat"),
+)
+
+_MEN = ("Sub01", "Sub02", "Sub03", "Sub04", "Sub05")
+_WOMEN = ("Sub06", "Sub07", "Sub08")
 
 #: rows of one result table
 TABLE_GROUPS = {
@@ -113,6 +124,13 @@ def parse_frame_id(frame_id: str) -> FrameRef:
     """The inverse of :attr:`FrameRef.frame_id`."""
     sequence, _, time = frame_id.partition("-")
     return frame_ref(sequence, time)
+
+
+def gender_of(subject: str) -> str:
+    """The SMPL-H model of a subject where ``info.json`` does not say: male, female or neutral."""
+    if subject in _MEN:
+        return "male"
+    return "female" if subject in _WOMEN else "neutral"
 
 
 def is_frame_folder(name: str) -> bool:

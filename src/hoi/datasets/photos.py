@@ -21,8 +21,8 @@ from PIL import ExifTags, Image, ImageOps
 from pydantic import ValidationError
 
 from hoi.artifacts import Frame, Hints
-from hoi.datasets.behave import open_image, read_mask
 from hoi.datasets.photos_config import PhotoNotes, PhotosConfig
+from hoi.datasets.pictures import open_image, read_mask
 from hoi.errors import ConfigError, FrameFailure
 
 HEIF_SUFFIXES = (".heic", ".heif")

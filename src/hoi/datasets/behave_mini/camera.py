@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hoi.datasets.behave import KINECT1
+from hoi.datasets.behave_calibration import KINECTS
 from hoi.datasets.behave_mini.config import BehaveMiniConfig
 
 
@@ -53,7 +53,7 @@ class Camera:
 
 def kinect_intrinsics(width: int) -> np.ndarray:
     """K of BEHAVE's Kinect 1, scaled to an image of this width."""
-    fx, fy, cx, cy, full_width, _ = KINECT1
+    fx, fy, cx, cy, full_width, _ = KINECTS[1]
     s = width / full_width
     return np.array([[fx * s, 0, cx * s], [0, fy * s, cy * s], [0, 0, 1.0]])
 

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from hoi.body import DEFAULT_BODY, BodyModel
 from hoi.body.keypoints import FROM_BODY25, KEYPOINT
-from hoi.datasets.behave import KINECT1
+from hoi.datasets.behave_calibration import KINECTS
 from hoi.datasets.behave_layout import (
     MIX,
     FrameRef,
@@ -295,7 +295,7 @@ def _write_ground_truth(folder: Path, ref: FrameRef, pair: Pair, camera: Camera)
 
 def _write_commons(root: Path) -> None:
     names = ("fx", "fy", "cx", "cy", "width", "height")
-    color = dict(zip(names, KINECT1, strict=True))
+    color = dict(zip(names, KINECTS[1], strict=True))
     _write_json(root / "calibs" / "intrinsics" / "1" / "calibration.json", {"color": color})
     _write_json(root / "split.json", split_table())
     _write(root / "README.md", _README.encode())
