@@ -450,6 +450,28 @@ class Joint(Artifact):
     loss_curve: dict[str, list[float]] = {}  # of the selected hypothesis, by term
 
 
+class Measure(Record):
+    """Errors of one frame under one more protocol; `name` is a key of the configuration."""
+
+    name: str
+    protocol: str
+    human_cm: float
+    object_cm: float
+
+
+class ContactScore(Record):
+    """How well the body vertices that touch the object are found, at one distance.
+
+    A share is None where it is not defined: no vertex touches in the result (precision) or in
+    truth (recall).
+    """
+
+    threshold_cm: float
+    precision: float | None
+    recall: float | None
+    correspondence: str  # how true contacts were carried to the fitted body's vertices
+
+
 class Evaluation(Artifact):
     """Section 4.2: errors of one method on one frame."""
 
@@ -464,3 +486,5 @@ class Evaluation(Artifact):
     protocol: str = ""
     human_cm: float | None = None
     object_cm: float | None = None
+    others: list[Measure] = []  # the same reconstruction under other protocols
+    contacts: list[ContactScore] = []

@@ -36,6 +36,8 @@ def table_params(group, methods, ablation=False):
         "methods": list(methods),
         "masks": CONFIG.detect_settings(dataset_of(group)).masks,
         "failure_cm": CONFIG.evaluate.failure_cm,
+        "align": CONFIG.evaluate.align,
+        "also": [name for name in CONFIG.evaluate.also if name != CONFIG.evaluate.align],
         "frames": frame_labels(chunks_of(group)),
         "identity": drawing_identity("table", {}),
     }
@@ -60,6 +62,9 @@ rule table:
         ),
         tex="results/behave_{group}.tex",
         frames="results/behave_{group}.frames.csv",
+        protocols="results/behave_{group}.protocols.csv",
+        contacts="results/behave_{group}.contacts.csv",
+        paper="results/behave_{group}.paper.csv",
     wildcard_constraints:
         group="|".join(GROUPS),
     params:
@@ -90,6 +95,9 @@ rule ablation:
         ),
         tex="results/ablation.tex",
         frames="results/ablation.frames.csv",
+        protocols="results/ablation.protocols.csv",
+        contacts="results/ablation.contacts.csv",
+        paper="results/ablation.paper.csv",
     params:
         table=lambda wildcards: table_params(
             CONFIG.tables.ablation_group, CONFIG.tables.ablation, ablation=True

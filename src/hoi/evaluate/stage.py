@@ -6,44 +6,26 @@ from pathlib import Path
 
 import numpy as np
 
-from hoi.artifacts import Evaluation, Frame, GroundTruth, Joint
+from hoi.artifacts import Evaluation, Frame, GroundTruth, Joint, Measure
 from hoi.body import BodyModel
 from hoi.errors import FrameFailure
+from hoi.evaluate.alignment import Scene, Similarity, align
 from hoi.evaluate.config import EvaluateConfig
-from hoi.geometry.alignment import chamfer_distance, sample_surface, similarity_procrustes
+from hoi.evaluate.contact import contact_scores
+from hoi.geometry.alignment import chamfer_distance, sample_surface
 
 
 class EvaluateStage:
-    """Procrustes on the body, the same transform on the object, Chamfer of each in centimetres."""
+    """Align, carry the object along, and take the Chamfer distance of each in centimetres."""
 
     def __init__(self, config: EvaluateConfig, body_model: Path):
         self.config = config
         self.body_faces = BodyModel.load(body_model).faces
 
     def __call__(self, frame: Frame, truth: GroundTruth, joint: Joint, seed: int) -> Evaluation:
-        visible = truth.visible_fraction
-        if visible is not None and visible < self.config.min_visible_fraction:
-            raise FrameFailure(
-                "object_hidden",
-                f"{visible:.0%} of the object is visible, the protocol asks for "
-                f"{self.config.min_visible_fraction:.0%}",
-            )
-        assert joint.body_vertices is not None and joint.object_vertices is not None
-        (scale, rotation, translation), how = self._alignment(truth, joint)
-
-        def aligned(vertices: np.ndarray) -> np.ndarray:
-            return scale * vertices @ rotation.T + translation
-
-        human = self._chamfer_cm(
-            (aligned(joint.body_vertices), self.body_faces),
-            (truth.body_vertices, truth.body_faces),
-            seed,
-        )
-        thing = self._chamfer_cm(
-            (aligned(joint.object_vertices), joint.object_faces),
-            (truth.object_vertices, truth.object_faces),
-            seed + 2,
-        )
+        self._refuse_hidden(truth)
+        scene = Scene(truth, joint, self.body_faces)
+        main = self._measure(self.config.align, scene, seed)
         return Evaluation(
             frame_id=frame.frame_id,
             dataset=frame.dataset,
@@ -52,28 +34,60 @@ class EvaluateStage:
             true_action=frame.action,
             used_action=joint.action,
             method=joint.method,
-            protocol=protocol_name(self.config, how),
-            human_cm=human,
-            object_cm=thing,
+            protocol=main.protocol,
+            human_cm=main.human_cm,
+            object_cm=main.object_cm,
+            others=self._others(scene, seed),
+            contacts=contact_scores(
+                scene, self.config.contact_cm, self.config.samples, _body_or_none(scene), seed + 4
+            ),
         )
 
-    def _alignment(self, truth: GroundTruth, joint: Joint):
-        """The similarity, and which correspondences gave it.
-
-        Vertices correspond only when both bodies are the same model; equal counts prove nothing.
-        """
-        if self.config.align == "none":
-            return (1.0, np.eye(3), np.zeros(3)), "none"
-        assert joint.body_vertices is not None and truth.body_vertices is not None
-        if truth.body_model and truth.body_model == joint.body_model:
-            return similarity_procrustes(joint.body_vertices, truth.body_vertices), "body vertices"
-        if truth.body_joints is None or joint.body_joints is None:
+    def _refuse_hidden(self, truth: GroundTruth) -> None:
+        wanted, visible = self.config.min_visible_fraction, truth.visible_fraction
+        if not wanted:
+            return
+        if visible is None:
             raise FrameFailure(
-                "no_correspondence",
-                f"the true body ({truth.body_model or 'unnamed'}) is not the fitted model "
-                f"({joint.body_model}) and comes without its 24 joints",
+                "visibility_unknown",
+                "the protocol asks for a visible object, and the mask of the whole object "
+                "(obj_rend_full) is not there",
             )
-        return similarity_procrustes(joint.body_joints, truth.body_joints), "24 joints"
+        if visible < wanted:
+            raise FrameFailure(
+                "object_hidden",
+                f"{visible:.0%} of the object is visible, the protocol asks for {wanted:.0%}",
+            )
+
+    def _others(self, scene: Scene, seed: int) -> list[Measure]:
+        """The further protocols; one that needs what the frame lacks is left out."""
+        measured = []
+        for name in dict.fromkeys(self.config.also):
+            if name == self.config.align:
+                continue
+            try:
+                measured.append(self._measure(name, scene, seed))
+            except FrameFailure:
+                continue
+        return measured
+
+    def _measure(self, name: str, scene: Scene, seed: int) -> Measure:
+        truth, joint = scene.truth, scene.joint
+        aligned = align(name, scene, seed + 6)
+        return Measure(
+            name=name,
+            protocol=protocol_name(self.config, aligned),
+            human_cm=self._chamfer_cm(
+                (aligned(_given(joint.body_vertices)), self.body_faces),
+                (truth.body_vertices, truth.body_faces),
+                seed,
+            ),
+            object_cm=self._chamfer_cm(
+                (aligned(_given(joint.object_vertices)), joint.object_faces),
+                (truth.object_vertices, truth.object_faces),
+                seed + 2,
+            ),
+        )
 
     def _chamfer_cm(self, first, second, seed: int) -> float:
         (vertices, faces), (true_vertices, true_faces) = first, second
@@ -83,10 +97,21 @@ class EvaluateStage:
         return 100 * chamfer_distance(points, true)
 
 
-def protocol_name(config: EvaluateConfig, correspondences: str) -> str:
+def _given(vertices: np.ndarray | None) -> np.ndarray:
+    assert vertices is not None  # an artifact whose status is ok has them
+    return vertices
+
+
+def _body_or_none(scene: Scene) -> Similarity | None:
+    try:
+        return align("body", scene, 0)
+    except FrameFailure:
+        return None
+
+
+def protocol_name(config: EvaluateConfig, aligned: Similarity) -> str:
     """One readable line that says how the numbers were made."""
     visible = config.min_visible_fraction
-    return (
-        f"Procrustes on {correspondences}; Chamfer = sum of both means, {config.samples} samples"
-        + (f"; visible >= {visible:g}" if visible else "")
+    return f"{aligned.how}; Chamfer = sum of both means, {config.samples} samples" + (
+        f"; visible >= {visible:g}" if visible else ""
     )

@@ -15,6 +15,12 @@ COLUMNS = (
     "object_mean_cm", "object_std_cm", "object_median_cm",
     "object_failure_rate", "seconds_per_frame",
 )  # fmt: skip
+CONTACT_COLUMNS = (
+    "dataset", "masks", "category", "action", "method", "threshold_cm", "correspondence",
+    "n_precision", "precision_mean", "n_recall", "recall_mean",
+)  # fmt: skip
+#: Frames that the protocol itself leaves out: no failures, so they are in no count.
+LEFT_OUT = ("object_hidden", "visibility_unknown")
 # the paper's order of rows; actions it does not know follow alphabetically
 ACTION_ORDER = (
     "hand", "lift", "liftreal", "move", "sit", "sitstand", "type", "back", "hug", "ground", "mix",
@@ -50,6 +56,26 @@ def evaluation_frame(
     return pd.DataFrame(rows)
 
 
+def under_protocol(evaluations: Iterable[Evaluation], name: str) -> list[Evaluation]:
+    """The same frames under one of the further protocols (`EvaluateConfig.also`).
+
+    A frame that failed keeps its status, and a frame to which the protocol does not apply has the
+    status ``no_correspondence``.
+    """
+    return [_under(evaluation, name) for evaluation in evaluations]
+
+
+def _under(evaluation: Evaluation, name: str) -> Evaluation:
+    found = next((m for m in evaluation.others if m.name == name), None)
+    if not evaluation.ok:
+        return evaluation
+    if found is None:
+        values = {"human_cm": None, "object_cm": None, "protocol": ""}
+        return evaluation.model_copy(update=values | {"status": "no_correspondence"})
+    update = {"protocol": found.protocol, "human_cm": found.human_cm, "object_cm": found.object_cm}
+    return evaluation.model_copy(update=update)
+
+
 def summarise(
     frames: pd.DataFrame, category: str, methods: Sequence[str], masks: str, failure_cm: float
 ) -> pd.DataFrame:
@@ -57,10 +83,12 @@ def summarise(
 
     ``avg`` is the unweighted mean over the actions of every column, standard deviations included,
     as in the paper; its counts are sums. ``n`` counts frames with a result, ``n_failed`` frames
-    with a status instead; ``object_failure_rate`` is the share of the n beyond `failure_cm`.
+    with a status instead, except for those that the protocol leaves out (`LEFT_OUT`), which are
+    not counted; ``object_failure_rate`` is the share of the n beyond `failure_cm`.
     Standard deviations are those of the population.
     """
     rows = []
+    frames = frames.loc[~frames["status"].isin(LEFT_OUT)]
     for method in methods:
         of_method = frames.loc[frames["method"] == method]
         per_action = [
@@ -73,10 +101,72 @@ def summarise(
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
+def summarise_contacts(
+    evaluations: Iterable[Evaluation], frames: dict[str, dict], category: str, masks: str
+) -> pd.DataFrame:
+    """Contact precision and recall: one row per action, method and distance, then ``avg``.
+
+    The means are over the frames where the share is defined (``n_precision``, ``n_recall``);
+    ``avg`` is the unweighted mean over actions.
+
+    Args:
+        evaluations: of any methods.
+        frames: frame id -> dataset and action.
+    """
+    rows = [
+        {
+            "dataset": frames[evaluation.frame_id]["dataset"],
+            "action": frames[evaluation.frame_id]["action"],
+            "method": evaluation.method,
+            **score.model_dump(),
+        }
+        for evaluation in evaluations
+        for score in evaluation.contacts
+    ]
+    if not rows:
+        return pd.DataFrame(columns=list(CONTACT_COLUMNS))
+    table, summary = pd.DataFrame(rows), []
+    for (method, limit), part in table.groupby(["method", "threshold_cm"], sort=False):
+        per_action = [
+            {
+                "dataset": " ".join(sorted(set(of["dataset"]))),
+                "masks": masks,
+                "category": category,
+                "action": str(action),
+                "method": method,
+                "threshold_cm": limit,
+                "correspondence": " / ".join(sorted(set(of["correspondence"]))),
+                "n_precision": int(of["precision"].notna().sum()),
+                "precision_mean": of["precision"].astype(float).mean(),
+                "n_recall": int(of["recall"].notna().sum()),
+                "recall_mean": of["recall"].astype(float).mean(),
+            }
+            for action, of in sorted(part.groupby("action"), key=_by_rank)
+        ]
+        summary += [*per_action, _average_contacts(per_action)]
+    return pd.DataFrame(summary, columns=list(CONTACT_COLUMNS))
+
+
+def _average_contacts(rows: list[dict]) -> dict:
+    average = rows[0] | {"action": "avg"}
+    for column in ("n_precision", "n_recall"):
+        average[column] = sum(row[column] for row in rows)
+    for column in ("precision_mean", "recall_mean"):
+        values = np.array([row[column] for row in rows], dtype=float)
+        average[column] = np.nanmean(values) if np.isfinite(values).any() else np.nan
+    return average
+
+
 def _by_rank(group: tuple) -> tuple[int, str]:
     action = str(group[0])
     known = action in ACTION_ORDER
     return (ACTION_ORDER.index(action) if known else len(ACTION_ORDER), action)
+
+
+def named_protocols(summary: pd.DataFrame, name: str) -> pd.DataFrame:
+    """The summary with `name` in place of the protocol where no frame has a result to name it."""
+    empty = summary["protocol"] == ""
+    return summary.assign(protocol=summary["protocol"].mask(empty, f"{name}: no result"))
 
 
 def _row(
