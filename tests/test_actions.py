@@ -14,7 +14,7 @@ from hoi.actions.database import (
     save_database,
 )
 from hoi.actions.leave_one_out import accuracy_table, leave_one_out
-from hoi.actions.retrieval import PoseIndex, pelvis_up_in_camera, pose_features
+from hoi.actions.retrieval import PoseIndex, pelvis_up_in_camera, pose_features, probabilities
 from hoi.actions.space import DEFAULT_ACTION_SPACE, load_action_space
 from hoi.actions.stage import ActionStage
 from hoi.artifacts import BodyFit, Frame, Hints
@@ -355,3 +355,10 @@ def test_the_accuracy_table_has_a_row_for_each_object_with_a_choice(database):
     assert table.loc["keyboard", "actions"] == 2
     assert 0.8 < table.loc["keyboard", "without_the_pose"] <= 1
     assert "trashcan" not in table.index
+
+
+def test_probabilities_fall_with_distance_and_sum_to_one():
+    shares = probabilities(np.array([1.0, 1.0, 1.7]), temperature=0.35)
+    assert shares.sum() == pytest.approx(1)
+    assert shares[0] == shares[1]
+    assert shares[2] / shares[0] == pytest.approx(np.exp(-2))

@@ -120,3 +120,36 @@ def test_touch_fades_with_distance():
     points = np.concatenate([top, top + [0, 0.025, 0], top + [0, 0.2, 0]])
     found = touching(points, chair.vertices, chair.faces, reach=0.05)
     assert found.tolist() == pytest.approx([1, 0.5, 0], abs=1e-3)
+
+
+def hypotheses(scene, **probabilities):
+    """The scene's prior with its actions as hypotheses of these probabilities."""
+    known = {"sit": scene.prior.retrieved, "lift": scene.prior.default}
+    tried = [known[name].model_copy(update={"probability": p}) for name, p in probabilities.items()]
+    scene.prior = scene.prior.model_copy(update={"retrieved": tried[0], "hypotheses": tried})
+    return scene
+
+
+def test_among_likely_actions_the_picture_decides(library):
+    config = method_config("ours", action="hypotheses", action_weight=0.05)
+    result = run(hypotheses(sitting_scene(second=True), lift=0.55, sit=0.45), library, config)
+    assert result.action == "sit"
+    assert result.hypothesis_actions == ["lift", "lift", "sit", "sit"]
+    assert result.selected in (2, 3)
+    assert result.selection_rule.endswith("- 0.05 x log p(action)")
+    assert all(len(values) == 4 for values in result.hypothesis_terms.values())
+    alone = run(sitting_scene(second=True), library, method_config("ours"))
+    np.testing.assert_array_equal(result.object_vertices, alone.object_vertices)
+
+
+def test_an_unlikely_action_needs_more_than_a_slightly_better_loss(library):
+    config = method_config("ours", action="hypotheses", action_weight=100.0, fast=QUICK)
+    result = run(hypotheses(sitting_scene(second=True), lift=0.9, sit=0.1), library, config)
+    assert result.action == "lift"
+
+
+def test_without_hypotheses_the_retrieved_action_is_tried_alone(library):
+    config = method_config("ours", action="hypotheses", fast=QUICK)
+    result = run(sitting_scene(), library, config)
+    assert result.hypothesis_actions == ["sit"]
+    assert "action_surprisal" not in result.hypothesis_terms

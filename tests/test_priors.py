@@ -8,7 +8,7 @@ import pytest
 
 from hoi.actions.database import DEFAULT_DATABASE, load_database
 from hoi.actions.space import DEFAULT_ACTION_SPACE, load_action_space
-from hoi.artifacts import Action, Frame, Prior
+from hoi.artifacts import Action, Frame, Neighbour, Prior
 from hoi.errors import AssetError, FrameFailure
 from hoi.exemplars.vocabulary import part_names, partnet_parts
 from hoi.priors.config import PriorsConfig
@@ -479,3 +479,21 @@ def test_a_prior_survives_its_file(tmp_path):
     prior.save(tmp_path / "prior.npz")
     assert Prior.load(tmp_path / "prior.npz") == prior
     assert prior.to_bytes() == prior_of("backpack", "carry", default="backpack").to_bytes()
+
+
+def test_likely_actions_are_handed_on_and_equal_interactions_are_one():
+    runners_up = [
+        Neighbour(pose_id="b", action="rest", distance=1.1, probability=0.25),
+        Neighbour(pose_id="c", action="stand on", distance=1.2, probability=0.2),
+        Neighbour(pose_id="d", action="fly", distance=1.3, probability=0.15),
+        Neighbour(pose_id="e", action="hand", distance=1.9, probability=0.01),
+    ]
+    action = Action(
+        frame_id="f", action="sit", distance=1.0, probability=0.39, runners_up=runners_up
+    )
+    prior = PriorStage(PriorsConfig())(frame=frame_with("chair"), action=action)
+    found = {item.action: item.probability for item in prior.hypotheses}
+    assert found == pytest.approx({"sit": 0.64, "stand on": 0.2})
+    assert list(found) == ["sit", "stand on"]
+    one = PriorStage(PriorsConfig(max_hypotheses=1))(frame=frame_with("chair"), action=action)
+    assert [item.action for item in one.hypotheses] == ["sit"]

@@ -319,6 +319,7 @@ class Neighbour(Record):
     pose_id: str
     action: str
     distance: float
+    probability: float = 0.0  # of its action, see Action.probability
 
 
 class Action(Artifact):
@@ -328,7 +329,9 @@ class Action(Artifact):
 
     action: str | None = None
     distance: float | None = None
-    runners_up: list[Neighbour] = []  # nearest pose of every other action, then more neighbours
+    probability: float | None = None  # of the action, among those the database knows
+    known: bool = True  # False: no pose of the database is near
+    runners_up: list[Neighbour] = []  # nearest pose of every other action, nearest first
     default_action: str = ""  # heaviest ConceptNet edge of the category ("No action" ablation)
 
 
@@ -406,6 +409,7 @@ class Interaction(Record):
     unmapped: list[str] = []  # answers that name no known part, with the reason
     stands_on_floor: bool = False
     feet_on_floor: bool = True  # False: feet may hang, or stand on the object
+    probability: float = 1.0  # that the person does this
     source: str = ""
 
 
@@ -421,6 +425,7 @@ class Prior(Artifact):
     extents: Extents | None = None  # more than the paper's single size, where somebody said it
     retrieved: Interaction | None = None
     default: Interaction | None = None
+    hypotheses: list[Interaction] = []  # likely interactions that differ, most probable first
 
 
 class Joint(Artifact):
@@ -444,6 +449,7 @@ class Joint(Artifact):
     # per hypothesis: the terms of the final loss, what selection saw, the winner
     hypothesis_exemplars: list[str] = []
     hypothesis_contacts: list[str] = []  # the contact set each one followed; empty: there was one
+    hypothesis_actions: list[str] = []
     hypothesis_terms: dict[str, list[float]] = {}
     selected: int | None = None
     selection_rule: str = ""

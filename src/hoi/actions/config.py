@@ -37,6 +37,18 @@ class ActionsConfig(Settings):
     min_conceptnet_weight: float = Field(
         default=1.0, description="ConceptNet edges below this weight are no actions [3.2: 1]"
     )
+    temperature: float = Field(
+        default=0.35,
+        gt=0,
+        description="an action's probability is proportional to exp(-d / temperature), d the "
+        "distance of its nearest pose",
+    )
+    unknown_beyond: float = Field(
+        default=3.5,
+        gt=0,
+        description="farther than this from every pose, the action is unknown: the retrieved one "
+        "is kept and the artifact says so",
+    )
     runners_up: int = Field(
         default=10, ge=0, description="most nearest poses of other actions recorded"
     )

@@ -48,6 +48,15 @@ def pelvis_up_in_camera(global_orient: np.ndarray) -> np.ndarray:
     return Rotation.from_rotvec(np.asarray(global_orient, np.float64)).inv().apply(up_in_camera)
 
 
+def probabilities(distances: np.ndarray, temperature: float) -> np.ndarray:
+    """(A,) probability of each action from the distance (A,) of its nearest pose.
+
+    Softmax of ``-distance / temperature``: an action as near as another is as likely.
+    """
+    weights = np.exp(-(distances - distances.min()) / temperature)
+    return weights / weights.sum()
+
+
 def _rotation_features(body_pose: np.ndarray, config: ActionsConfig) -> np.ndarray:
     poses = np.asarray(body_pose, dtype=np.float64).reshape(-1, NUM_JOINTS - 1, 3)
     vectors = poses[:, [JOINT[name] - 1 for name in config.joints]]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from hoi.actions.config import ActionsConfig
 from hoi.actions.database import load_database
-from hoi.actions.retrieval import Match, PoseIndex, pelvis_up_in_camera
+from hoi.actions.retrieval import Match, PoseIndex, pelvis_up_in_camera, probabilities
 from hoi.actions.space import load_action_space
 from hoi.artifacts import Action, BodyFit, Frame, Neighbour
 from hoi.errors import FrameFailure
@@ -71,12 +73,21 @@ class ActionStage:
         matches = self._index(frame.category).nearest_per_action(
             body.body_pose, pelvis_up_in_camera(body.global_orient)
         )
-        neighbours = [self._neighbour(match) for match in matches.values()]
+        shares = probabilities(
+            np.array([match.distance for match in matches.values()]), self._config.temperature
+        )
+        neighbours = [
+            self._neighbour(match, float(share))
+            for match, share in zip(matches.values(), shares, strict=True)
+        ]
+        known = neighbours[0].distance <= self._config.unknown_beyond
         return Action(
             frame_id=frame.frame_id,
-            detail=f"nearest pose: {neighbours[0].pose_id}",
+            detail=f"nearest pose: {neighbours[0].pose_id}" + ("" if known else ", which is far"),
             action=neighbours[0].action,
             distance=neighbours[0].distance,
+            probability=neighbours[0].probability,
+            known=known,
             runners_up=neighbours[1 : 1 + self._config.runners_up],
             default_action=self._default_action(frame.category),
         )
@@ -100,9 +111,10 @@ class ActionStage:
         heaviest = self._space.default_action(category, among=labels)
         return heaviest or max(sorted(set(labels)), key=labels.count)
 
-    def _neighbour(self, match: Match) -> Neighbour:
+    def _neighbour(self, match: Match, probability: float) -> Neighbour:
         return Neighbour(
             pose_id=str(self._database.pose_ids[match.row]),
             action=str(self._database.actions[match.row]),
             distance=match.distance,
+            probability=probability,
         )

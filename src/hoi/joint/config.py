@@ -106,9 +106,15 @@ class JointConfig(Settings):
         default="photo",
         description="longest_side: PHOSA's guess; the method's search must share it",
     )
-    action: Literal["retrieved", "default"] = Field(
+    action: Literal["retrieved", "default", "hypotheses"] = Field(
         default="retrieved",
-        description="default: ConceptNet's heaviest action, the 'No action' ablation",
+        description="retrieved: of the nearest pose [3.2]; default: ConceptNet's heaviest action, "
+        "the 'No action' ablation; hypotheses: every likely action is tried, selection decides",
+    )
+    action_weight: float = Field(
+        default=0.1,
+        ge=0,
+        description="selection among action hypotheses: weight of -log p(action | pose)",
     )
     terms: dict[TermName, float] = Field(
         default={

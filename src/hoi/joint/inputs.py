@@ -67,15 +67,16 @@ class Inputs:
         if not objects.exemplars:
             raise FrameFailure("no_object_pose", "the object fit holds no pose to start from")
         intrinsics = model_intrinsics(frame.intrinsics, *photo, camera)
-        moved = np.zeros(3)
+        vertices, joints = body.vertices, body.joints
         if camera != "photo":
-            moved = shift_between_cameras(body.vertices, frame.intrinsics, intrinsics)
+            moved = shift_between_cameras(vertices, frame.intrinsics, intrinsics)
+            vertices, joints = (vertices + moved).astype(np.float32), joints + moved
         return cls(
             intrinsics=intrinsics,
             object_mask=detection.object_mask,
             person_mask=detection.person_mask,
-            body_vertices=body.vertices + moved,
-            body_joints=body.joints + moved,
+            body_vertices=vertices,
+            body_joints=joints,
             exemplars=tuple(objects.exemplars),
             rotations=objects.rotations,
             translations=objects.translations,

@@ -5,6 +5,8 @@ Sees the image and the priors, never the truth.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from hoi.joint.inputs import Inputs
@@ -69,19 +71,35 @@ def order_violation_by_depth(
     return np.stack(violations, 1)
 
 
-def rule_text(order_weight: float) -> str:
+def surprisal(probability: float) -> float:
+    """-log p: what it costs to believe in an action that the pose makes unlikely."""
+    return -math.log(min(max(probability, 1e-6), 1.0))
+
+
+def rule_text(order_weight: float, action_weight: float = 0.0) -> str:
     """The selection rule in one line, for the artifact and the report."""
-    if order_weight == 0:
-        return "lowest total loss"
-    return f"lowest total loss + {order_weight:g} x occlusion-order violation"
+    rule = "lowest total loss"
+    if order_weight:
+        rule += f" + {order_weight:g} x occlusion-order violation"
+    if action_weight:
+        rule += f" - {action_weight:g} x log p(action)"
+    return rule
 
 
-def choose(total: np.ndarray, violation: np.ndarray, order_weight: float) -> int:
-    """Index of the lowest ``total + order_weight * violation``; ties go to the better rank.
+def choose(
+    total: np.ndarray,
+    violation: np.ndarray,
+    order_weight: float,
+    surprise: np.ndarray | float = 0.0,
+    action_weight: float = 0.0,
+) -> int:
+    """Index of the lowest ``total + order_weight * violation + action_weight * surprise``.
 
-    Hypotheses with a total that is not finite are never chosen; ValueError when there is no other.
+    Ties go to the better rank. Hypotheses with a total that is not finite are never chosen;
+    ValueError when there is no other.
     """
-    score = np.where(np.isfinite(total), total + order_weight * violation, np.inf)
+    penalty = order_weight * violation + action_weight * np.broadcast_to(surprise, total.shape)
+    score = np.where(np.isfinite(total), total + penalty, np.inf)
     if not np.isfinite(score).any():
         raise ValueError("no hypothesis has a finite loss")
     return int(score.argmin())

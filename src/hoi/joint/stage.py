@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from hoi.artifacts import BodyFit, Detection, Frame, Joint, ObjectFit, Prior
+from hoi.artifacts import BodyFit, Detection, Frame, Interaction, Joint, ObjectFit, Prior
 from hoi.body import BodyModel, part_vertices
 from hoi.errors import ConfigError, FrameFailure
 from hoi.exemplars import Exemplar, load_library
@@ -21,6 +23,7 @@ from hoi.joint.select import (
     occlusion_order_violation,
     order_violation_by_depth,
     rule_text,
+    surprisal,
 )
 from hoi.joint.signed_distance import surface_distance
 from hoi.joint.terms import Placement
@@ -59,17 +62,17 @@ class JointStage:
                 f"the joint stage loaded body model {self.body_identity}, but {frame.frame_id} was "
                 f"fitted with {body.body_model}; give both stages the same `body_model`"
             )
-        interaction = prior.retrieved if config.action == "retrieved" else prior.default
-        if interaction is None:
-            raise FrameFailure("no_prior", f"the prior holds no {config.action} interaction")
         inputs = Inputs.gather(
             frame, detection, body, objects, prior, config.roi_margin, config.camera
         )
         library = self._library(inputs.category)
-        problem = build_problem(config, inputs, interaction, library, self.regions, seed)
-        order = self._order_cost(inputs, problem) if config.depth_order_weight > 0 else None
-        optimum = minimise(problem, config.terms, config.chosen_schedule, order)
-        return self._result(frame.frame_id, interaction.action, inputs, problem, optimum)
+        solutions = []
+        for interaction in interactions(prior, config.action):
+            problem = build_problem(config, inputs, interaction, library, self.regions, seed)
+            order = self._order_cost(inputs, problem) if config.depth_order_weight > 0 else None
+            optimum = minimise(problem, config.terms, config.chosen_schedule, order)
+            solutions.append(self._solution(interaction, inputs, problem, optimum))
+        return self._result(frame.frame_id, inputs, solutions)
 
     def _library(self, category: str) -> list[Exemplar]:
         if category not in self._libraries:
@@ -93,56 +96,126 @@ class JointStage:
 
         return cost
 
-    def _result(
-        self, frame_id: str, action: str, inputs: Inputs, problem: Problem, optimum: Optimum
-    ) -> Joint:
-        """Choose a hypothesis and write it down."""
+    def _solution(
+        self, interaction: Interaction, inputs: Inputs, problem: Problem, optimum: Optimum
+    ) -> Solution:
+        """What selection and artifact need of all hypotheses under one interaction."""
         config, exemplars = self.config, problem.object.exemplars
         with torch.no_grad():
             placement = Placement(problem, optimum.variables)
-            seen = placement.silhouette[1].double()
             vertices = placement.vertices.numpy()
-            human_scale = placement.human_scale.double().numpy()
         objects = [v[: len(e.vertices)] for v, e in zip(vertices, exemplars, strict=True)]
-        bodies = [scale * inputs.body_vertices for scale in human_scale]
+        human_scale = placement.human_scale.double().numpy()
         # nothing behind the camera can explain a picture
         before = torch.tensor([bool(v[:, 2].min() > 0) for v in objects])
-        total = torch.where(before, optimum.total, torch.inf).double().numpy()
         violation = occlusion_order_violation(
-            objects, [e.faces for e in exemplars], bodies, self.regions.faces, inputs,
-            config.order_resolution, config.order_tolerance,
+            objects, [e.faces for e in exemplars], [s * inputs.body_vertices for s in human_scale],
+            self.regions.faces, inputs, config.order_resolution, config.order_tolerance,
         )  # fmt: skip
+        return Solution(
+            interaction=interaction,
+            problem=problem,
+            optimum=optimum,
+            objects=objects,
+            human_scale=human_scale,
+            total=torch.where(before, optimum.total, torch.inf).double().numpy(),
+            violation=violation,
+            iou=placement.silhouette[1].double().numpy(),
+            scale=placement.scale.double().numpy(),
+        )
+
+    def _result(self, frame_id: str, inputs: Inputs, solutions: Sequence[Solution]) -> Joint:
+        """Choose a hypothesis and write it down."""
+        config = self.config
+        total = np.concatenate([solution.total for solution in solutions])
+        violation = np.concatenate([solution.violation for solution in solutions])
+        surprise = np.concatenate(
+            [np.full(len(s.total), surprisal(s.interaction.probability)) for s in solutions]
+        )
         try:
-            k = choose(total, violation, config.order_weight)
+            selected = choose(total, violation, config.order_weight, surprise, config.action_weight)
         except ValueError as error:
             raise FrameFailure("joint_diverged", str(error)) from error
+        solution, k = _locate(solutions, selected)
+        problem, optimum = solution.problem, solution.optimum
         rotation, translation, scale = _similarity(optimum.variables[k])
-        faces, names = exemplars[k].faces, list(config.terms)
-        terms = {name: _listed(optimum.terms[i]) for i, name in enumerate(names)}
+        chosen, human_scale = problem.object.exemplars[k], float(solution.human_scale[k])
+        body = human_scale * inputs.body_vertices
+        names = list(config.terms)
+        values = torch.cat([s.optimum.terms for s in solutions], 1)
+        terms = {name: _listed(values[i]) for i, name in enumerate(names)}
         terms |= {"total": _listed(total), "order_violation": _listed(violation)}
-        terms |= {"iou": _listed(seen), "object_scale_factor": _listed(placement.scale)}
+        if len(solutions) > 1:
+            terms["action_surprisal"] = _listed(surprise)
+        terms["iou"] = _listed(np.concatenate([s.iou for s in solutions]))
+        terms["object_scale_factor"] = _listed(np.concatenate([s.scale for s in solutions]))
         return Joint(
             frame_id=frame_id,
             detail="; ".join(problem.skipped),
             method=config.method,
-            exemplar=exemplars[k].name,
-            action=action,
+            exemplar=chosen.name,
+            action=solution.interaction.action,
             object_rotation=rotation,
             object_translation=translation,
             object_scale=scale,
-            human_scale=float(human_scale[k]),
-            object_vertices=objects[k],
-            object_faces=faces,
-            body_vertices=bodies[k],
-            body_joints=human_scale[k] * inputs.body_joints,
+            human_scale=human_scale,
+            object_vertices=solution.objects[k],
+            object_faces=chosen.faces,
+            body_vertices=body,
+            body_joints=human_scale * inputs.body_joints,
             body_model=self.body_identity,
-            contact_vertices=touching(bodies[k], objects[k], faces, config.touch_distance),
-            hypothesis_exemplars=[e.name for e in exemplars],
+            contact_vertices=touching(
+                body, solution.objects[k], chosen.faces, config.touch_distance
+            ),
+            hypothesis_exemplars=[e.name for s in solutions for e in s.problem.object.exemplars],
+            hypothesis_actions=[s.interaction.action for s in solutions for _ in s.total],
             hypothesis_terms=terms,
-            selected=k,
-            selection_rule=rule_text(config.order_weight),
+            selected=selected,
+            selection_rule=rule_text(
+                config.order_weight, config.action_weight if len(solutions) > 1 else 0.0
+            ),
             loss_curve={name: _listed(optimum.curves[:, i, k]) for i, name in enumerate(names)},
         )
+
+
+@dataclass(frozen=True)
+class Solution:
+    """All hypotheses of one interaction, optimised.
+
+    Attributes:
+        objects: K placed meshes (V, 3), camera frame, metres. human_scale: (K,).
+        total: (K,) final loss, infinite where the object reaches behind the camera.
+        violation: (K,) of the occlusion order. iou, scale: (K,) of silhouette and object.
+    """
+
+    interaction: Interaction
+    problem: Problem
+    optimum: Optimum
+    objects: list[np.ndarray]
+    human_scale: np.ndarray
+    total: np.ndarray
+    violation: np.ndarray
+    iou: np.ndarray
+    scale: np.ndarray
+
+
+def interactions(prior: Prior, action: str) -> Sequence[Interaction]:
+    """The interactions to try. Raises FrameFailure `no_prior` when the prior holds none."""
+    if action == "hypotheses" and prior.hypotheses:
+        return prior.hypotheses
+    interaction = prior.default if action == "default" else prior.retrieved
+    if interaction is None:
+        raise FrameFailure("no_prior", f"the prior holds no {action} interaction")
+    return [interaction]
+
+
+def _locate(solutions: Sequence[Solution], index: int) -> tuple[Solution, int]:
+    """The solution that the index-th hypothesis of all belongs to, and its place there."""
+    for solution in solutions:
+        if index < len(solution.total):
+            return solution, index
+        index -= len(solution.total)
+    raise IndexError(index)
 
 
 def _similarity(variables: torch.Tensor) -> tuple[np.ndarray, np.ndarray, float]:

@@ -25,6 +25,12 @@ class LookupConfig(Settings):
     min_probability: float = Field(
         default=0.0, ge=0, le=1, description="contacts less probable than this are left out"
     )
+    max_hypotheses: int = Field(
+        default=3, ge=1, description="most interactions handed on for methods that try several"
+    )
+    min_hypothesis: float = Field(
+        default=0.05, ge=0, le=1, description="a less probable interaction is not tried"
+    )
     alternatives: Literal["none", "recorded", "answers"] = Field(
         default="recorded",
         description="other contact sets of the same action. none: the paper's single list; "

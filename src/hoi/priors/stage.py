@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from hoi.artifacts import (
@@ -69,7 +69,38 @@ class PriorStage:
             extents=_extents(tables.extents.get(frame.category)),
             retrieved=interaction(action.action),
             default=interaction(action.default_action or action.action),
+            hypotheses=self._hypotheses(interaction, action),
         )
+
+    def _hypotheses(
+        self, interaction_of: Callable[[str], Interaction], action: Action
+    ) -> list[Interaction]:
+        """Likely interactions, most probable first; actions with the same contacts are one.
+
+        Actions without recorded contacts are left out; the retrieved one is always in.
+        """
+        assert action.action is not None
+        likely = [(action.action, action.probability or 1.0)]
+        likely += [(other.action, other.probability) for other in action.runners_up]
+        merged: dict[tuple, Interaction] = {}
+        for name, probability in likely:
+            try:
+                interaction = interaction_of(name)
+            except FrameFailure:
+                continue
+            same = merged.get(_what_touches(interaction))
+            if same is not None:
+                interaction, probability = same, probability + same.probability
+            merged[_what_touches(interaction)] = interaction.model_copy(
+                update={"probability": probability}
+            )
+        ranked = sorted(merged.values(), key=lambda interaction: -interaction.probability)
+        return [
+            interaction
+            for interaction in ranked[: self._config.max_hypotheses]
+            if interaction.probability >= self._config.min_hypothesis
+            or interaction.action == action.action
+        ]
 
     def interaction(self, category: str, action: str) -> Interaction:
         """The interaction map's entry for one action with one object."""
@@ -155,6 +186,17 @@ def _extents(answer: ExtentsAnswer | None) -> Extents | None:
         if typical > 0
     }
     return Extents(**ranges, source=answer.source)
+
+
+def _what_touches(interaction: Interaction) -> tuple:
+    """Equal for two actions that the joint stage cannot tell apart."""
+
+    def pairs(contacts: Iterable[Contact]) -> tuple:
+        return tuple(sorted((c.object_part, c.body_part, c.side, c.probability) for c in contacts))
+
+    others = tuple(sorted(pairs(other.contacts) for other in interaction.alternatives))
+    floor = interaction.stands_on_floor, interaction.feet_on_floor
+    return pairs(interaction.contacts), others, floor
 
 
 def _contacts(answer: ContactAnswer) -> list[Contact]:
