@@ -148,6 +148,14 @@ def test_an_unlikely_action_needs_more_than_a_slightly_better_loss(library):
     assert result.action == "lift"
 
 
+def test_the_oracle_is_told_the_action_where_the_data_set_knows_it(library):
+    scene = sitting_scene()
+    config = method_config("true_action", fast=QUICK)
+    assert run(scene, library, config).action == "sit"
+    scene.prior = scene.prior.model_copy(update={"true": scene.prior.default})
+    assert run(scene, library, config).action == "lift"
+
+
 def test_without_hypotheses_the_retrieved_action_is_tried_alone(library):
     config = method_config("ours", action="hypotheses", fast=QUICK)
     result = run(sitting_scene(), library, config)

@@ -497,3 +497,12 @@ def test_likely_actions_are_handed_on_and_equal_interactions_are_one():
     assert list(found) == ["sit", "stand on"]
     one = PriorStage(PriorsConfig(max_hypotheses=1))(frame=frame_with("chair"), action=action)
     assert [item.action for item in one.hypotheses] == ["sit"]
+
+
+def test_the_data_sets_own_action_is_kept_apart_for_oracles():
+    action = Action(frame_id="f", action="sit", distance=1.0, probability=1.0)
+    told = frame_with("chair").model_copy(update={"action": "hand"})
+    prior = PriorStage(PriorsConfig())(frame=told, action=action)
+    assert (prior.true.action, prior.retrieved.action) == ("hand", "sit")
+    unsaid = frame_with("chair").model_copy(update={"action": "mix"})
+    assert PriorStage(PriorsConfig())(frame=unsaid, action=action).true is None

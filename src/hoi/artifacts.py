@@ -425,6 +425,7 @@ class Prior(Artifact):
     extents: Extents | None = None  # more than the paper's single size, where somebody said it
     retrieved: Interaction | None = None
     default: Interaction | None = None
+    true: Interaction | None = None  # of the data set's own action: for oracles alone
     hypotheses: list[Interaction] = []  # likely interactions that differ, most probable first
 
 

@@ -203,6 +203,8 @@ def interactions(prior: Prior, action: str) -> Sequence[Interaction]:
     """The interactions to try. Raises FrameFailure `no_prior` when the prior holds none."""
     if action == "hypotheses" and prior.hypotheses:
         return prior.hypotheses
+    if action == "true" and prior.true is not None:
+        return [prior.true]
     interaction = prior.default if action == "default" else prior.retrieved
     if interaction is None:
         raise FrameFailure("no_prior", f"the prior holds no {action} interaction")

@@ -69,6 +69,7 @@ class PriorStage:
             extents=_extents(tables.extents.get(frame.category)),
             retrieved=interaction(action.action),
             default=interaction(action.default_action or action.action),
+            true=_true(interaction, frame.action),
             hypotheses=self._hypotheses(interaction, action),
         )
 
@@ -186,6 +187,14 @@ def _extents(answer: ExtentsAnswer | None) -> Extents | None:
         if typical > 0
     }
     return Extents(**ranges, source=answer.source)
+
+
+def _true(interaction_of: Callable[[str], Interaction], action: str) -> Interaction | None:
+    """What the data set says the person does; None where it does not say or nobody answered."""
+    try:
+        return interaction_of(action) if action else None
+    except FrameFailure:
+        return None
 
 
 def _what_touches(interaction: Interaction) -> tuple:

@@ -50,7 +50,7 @@ class BehaveMiniConfig(Settings):
     """The generated data set. Frames of one seed are the same whatever else is generated."""
 
     seed: int = Field(default=2022, ge=0)
-    frames_per_action: int = Field(default=2, ge=1, description="per table row and split")
+    frames_per_action: int = Field(default=4, ge=1, description="per table row and split")
     image_width: int = Field(
         default=2048, ge=128, le=2048, multiple_of=8, description="height is 3/4"
     )
