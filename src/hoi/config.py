@@ -36,6 +36,9 @@ class AssetsConfig(Settings):
         default=DEFAULT_BODY_MODEL, description="SMPL .pkl or .npz, or the embedded CC0 body"
     )
     pose_database: str = Field(default=POSE_DATABASE, description="labelled poses (npz)")
+    own_objects: str = Field(
+        default="my_objects", description="folder that `hoi add-object` fills; need not exist"
+    )
 
 
 class MethodConfig(Settings):

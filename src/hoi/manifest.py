@@ -20,6 +20,7 @@ from hoi.digest import file_digest, json_digest
 from hoi.errors import FrameFailure
 from hoi.exemplars.categories import known_categories
 from hoi.exemplars.vocabulary import exemplar_category
+from hoi.own_objects.description import own_objects, with_own_categories
 
 PHOTOS = "photos"
 
@@ -118,7 +119,9 @@ def _photos(config: RunConfig) -> list[FrameInfo]:
     from hoi.datasets import photos
 
     folder = Path(config.photos.folder).expanduser()
-    known = known_categories(config.exemplars)
+    known = with_own_categories(
+        known_categories(config.exemplars), own_objects(config.assets.own_objects)
+    )
     with FileDigests(Path(config.memo) / "digests.json") as digests:
         return [
             FrameInfo(

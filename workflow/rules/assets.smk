@@ -3,6 +3,12 @@
 
 rule exemplars:
     # Section 3.5: k-means++ over signed distances; the member nearest each centre stands for it
+    input:
+        own=lambda wildcards: (
+            mesh_paths(CONFIG.assets.own_objects, OWN_OBJECTS[wildcards.category])
+            if wildcards.category in OWN_OBJECTS
+            else []
+        ),
     output:
         "resources/exemplars/{category}.npz",
     params:
@@ -18,6 +24,29 @@ rule exemplars:
         mem_mb=2000,
     script:
         "../scripts/exemplars.py"
+
+
+rule own_knowledge:
+    # poses, actions, sizes and contacts with those of the user's own objects; read for the frames
+    # that show one
+    input:
+        descriptions=[description_path(CONFIG.assets.own_objects, name) for name in OWN_OBJECTS],
+        pose_database=CONFIG.assets.pose_database,
+        action_space=ACTION_SPACE,
+        tables=PRIOR_TABLES,
+    output:
+        pose_database=OWN_POSES,
+        action_space=OWN_ACTION_SPACE,
+        tables=OWN_PRIOR_TABLES,
+    params:
+        folder=CONFIG.assets.own_objects,
+        identity=identity("own_knowledge", {}),
+    message:
+        "Adding what is known of your own objects: " + ", ".join(OWN_OBJECTS)
+    log:
+        "logs/own_knowledge.log",
+    script:
+        "../scripts/own_knowledge.py"
 
 
 rule models:

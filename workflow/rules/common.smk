@@ -17,11 +17,15 @@ from hoi.errors import HoiError
 from hoi.exemplars.categories import known_categories
 from hoi.exemplars.shape_index import folder_state
 from hoi.manifest import PHOTOS, chunk_settings, frame_labels, plan
+from hoi.own_objects.description import (
+    description_path, detector_labels, mesh_paths, own_objects, with_own_categories,
+)
 from hoi.priors.tables import NEEDED_TABLES, RICHER_TABLES
 
 try:
     CONFIG = read_config(config)
     known_categories(CONFIG.exemplars)  # its folders are there
+    OWN_OBJECTS = own_objects(CONFIG.assets.own_objects)
 except HoiError as error:
     raise WorkflowError(f"The configuration is not usable.\n{error}")
 
@@ -88,14 +92,43 @@ BEHAVE_MINI_ASSETS = [
     *(f"src/hoi/data/furniture/{name}.npz" for name in ("chair", "stool", "table", "backpack", "suitcase", "keyboard")),
 ]
 PRIOR_TABLES = [f"src/hoi/data/priors/{name}.csv" for name in (*NEEDED_TABLES, *RICHER_TABLES)]
+# the same with the user's own objects, see rule own_knowledge
+OWN_POSES = "resources/own/poses.npz"
+OWN_ACTION_SPACE = "resources/own/actions.tsv"
+OWN_PRIOR_TABLES = [f"resources/own/priors/{Path(table).name}" for table in PRIOR_TABLES]
+
+
+KNOWN_CATEGORIES = with_own_categories(known_categories(CONFIG.exemplars), OWN_OBJECTS)
+
+
+def own_categories(chunk):
+    """The user's own objects that a chunk may show."""
+    if AUTO in chunk.categories:
+        return list(OWN_OBJECTS)
+    return [name for name in chunk.categories if name in OWN_OBJECTS]
+
+
+def shows_own(wildcards):
+    return bool(OWN_OBJECTS) and bool(own_categories(chunk_named(wildcards.chunk)))
 
 
 def exemplars_of(chunk):
     """Library files of the chunk's categories; a category that nobody can build has none."""
-    known = known_categories(CONFIG.exemplars)
+    known = KNOWN_CATEGORIES
     # nobody knows yet what an unnamed photo shows
     wanted = known if AUTO in chunk.categories else chunk.categories
     return [f"resources/exemplars/{name}.npz" for name in wanted if name in known]
+
+
+def with_labels(settings, categories):
+    """Settings of the detector that know which of its classes stand for own objects."""
+    labels = detector_labels(OWN_OBJECTS, categories)
+    return settings.model_copy(update={"labels": labels | settings.labels}) if labels else settings
+
+
+def detect_settings(wildcards):
+    settings = CONFIG.detect_settings(wildcards.dataset)
+    return with_labels(settings, own_categories(chunk_named(wildcards.chunk)))
 
 
 def exemplar_files(wildcards):

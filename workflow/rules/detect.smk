@@ -20,8 +20,7 @@ rule detect:
         index="results/{dataset}/detect/{chunk}.json",
         seconds="results/{dataset}/detect/{chunk}.seconds.json",
     params:
-        identity=lambda wildcards: stage_identity("detect", CONFIG.detect_settings(wildcards.dataset)
-        ),
+        identity=lambda wildcards: stage_identity("detect", detect_settings(wildcards)),
     message:
         "Detecting people and objects in {wildcards.chunk}"
     log:

@@ -66,8 +66,8 @@ def photo_settings(wildcards):
     naming = None
     if has_unnamed_photos(wildcards):
         naming = {
-            "detect": CONFIG.detect_photos.model_dump(mode="json"),
-            "categories": list(known_categories(CONFIG.exemplars)),
+            "detect": with_labels(CONFIG.detect_photos, OWN_OBJECTS).model_dump(mode="json"),
+            "categories": list(KNOWN_CATEGORIES),
         }
     return {"photos": CONFIG.photos.model_dump(mode="json"), "naming": naming}
 

@@ -8,7 +8,7 @@ rule priors:
     input:
         frames="results/{dataset}/frames/{chunk}.json",
         actions="results/{dataset}/actions/{chunk}.json",
-        answers=PRIOR_TABLES,
+        answers=lambda wildcards: OWN_PRIOR_TABLES if shows_own(wildcards) else PRIOR_TABLES,
     output:
         index="results/{dataset}/priors/{chunk}.json",
         seconds="results/{dataset}/priors/{chunk}.seconds.json",

@@ -12,4 +12,5 @@ build_library(
     snakemake.wildcards.category,
     cache=Path(snakemake.config["memo"]) / "shapes",
     workers=snakemake.threads,
+    own=[Path(file) for file in snakemake.input.own],
 )

@@ -16,7 +16,7 @@ from hoi.errors import AssetError
 DEFAULT_ACTION_SPACE: Path = Path(__file__).parents[1] / "data" / "conceptnet" / "actions.tsv"
 """The reviewed edges that come with the package."""
 
-RELATIONS = ("UsedFor", "RelatedTo")
+RELATIONS = ("UsedFor", "RelatedTo", "Given")  # Given: the owner of an object says so
 _COLUMNS = ("category", "noun", "relation", "phrase", "weight", "action")
 
 

@@ -15,6 +15,7 @@ from hoi.errors import HoiError
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "reconstruct": ("hoi.cli.reconstruct", "photos of people with objects -> 3D scenes"),
+    "add-object": ("hoi.cli.add_object", "prepare a mesh of your own for photos that show it"),
     "show": ("hoi.cli.show", "print result tables in the paper's layout"),
 }
 

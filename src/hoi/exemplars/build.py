@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from hoi.errors import AssetError, ConfigError
+from hoi.exemplars.categories import known_categories
 from hoi.exemplars.config import ExemplarsConfig
-from hoi.exemplars.library import Exemplar, library_path, save_library
+from hoi.exemplars.library import Exemplar, library_path, load_library_file, save_library
 
 
 def candidates(config: ExemplarsConfig, category: str) -> list[Exemplar]:
@@ -48,16 +49,22 @@ def build_library(
     category: str,
     cache: Path | None = None,
     workers: int = 1,
+    own: Sequence[Path] = (),
 ) -> Path:
     """Write ``<out_dir>/<category>.npz``; the same config and shapes give the same bytes.
 
-    `cache` and `workers` are for folders of shapes, see :mod:`hoi.exemplars.shapes`.
+    `cache` and `workers` are for folders of shapes, see :mod:`hoi.exemplars.shapes`. The prepared
+    meshes `own` are kept whatever is chosen beside them; a category that no source knows consists
+    of them alone.
     """
     path = library_path(out_dir, category)
-    if config.partnet or config.shapenet:
-        chosen = _select_with_shapes(config, category, cache, workers)
+    chosen = [mesh for file in own for mesh in load_library_file(file)]
+    if chosen and category not in known_categories(config):
+        pass
+    elif config.partnet or config.shapenet:
+        chosen += _select_with_shapes(config, category, cache, workers)
     else:
-        chosen = select(candidates(config, category), config)
+        chosen += select(candidates(config, category), config)
     save_library(chosen, path)
     return path
 
@@ -183,7 +190,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(path)
         if options.sheet:
             from hoi.exemplars.contact_sheet import contact_sheet
-            from hoi.exemplars.library import load_library_file
 
             contact_sheet(load_library_file(path), path.with_suffix(".png"))
 

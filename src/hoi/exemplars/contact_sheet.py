@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -25,16 +26,21 @@ PART_COLOURS = {
     "wheel": (160, 110, 200),
     "frame": (140, 150, 170),
     "key": (248, 160, 70),
+    "person": (198, 198, 200),  # for scale
 }
 _CYCLE = ((98, 170, 240), (244, 146, 70), (110, 198, 110), (186, 126, 216), (240, 208, 80),
-          (240, 130, 150))  # fmt: skip
+          (240, 130, 150), (80, 200, 200), (170, 140, 110), (190, 200, 60), (120, 120, 220),
+          (220, 90, 90), (90, 160, 130))  # fmt: skip
 _LIGHT = np.array([0.35, 0.62, 0.70]) / np.linalg.norm([0.35, 0.62, 0.70])
 
 
 def part_colours(part_names: Sequence[str]) -> np.ndarray:
-    """(P, 3) uint8 colours of parts."""
-    rows = [PART_COLOURS.get(n, _CYCLE[i % len(_CYCLE)]) for i, n in enumerate(part_names)]
-    return np.array(rows, np.uint8)
+    """(P, 3) uint8 colours of parts, well apart from one another."""
+    rows = [PART_COLOURS[name] for name in part_names if name in PART_COLOURS]
+    free = [c for c in _CYCLE if all(np.abs(np.subtract(c, row)).sum() > 60 for row in rows)]
+    others = itertools.cycle(free or _CYCLE)
+    chosen = [PART_COLOURS[n] if n in PART_COLOURS else next(others) for n in part_names]
+    return np.array(chosen, np.uint8)
 
 
 def render(
