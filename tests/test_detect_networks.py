@@ -238,7 +238,7 @@ class TestOnPhotos:
 
     def test_a_category_without_a_class_is_declined(self, stage):
         with pytest.raises(FrameFailure) as caught:
-            stage(photo("skimage_camera.png", "camera"), seed=0)
+            stage(photo("skimage_camera.png", "tripod"), seed=0)
         assert caught.value.status == "no_object_detected"
 
     def test_a_picture_without_people_is_declined(self, stage):

@@ -43,7 +43,9 @@ BLANK = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
 
 def name_of(*boxes):
     """What the object is called when the detector sees these boxes, whole picture or crop."""
-    return ObjectNamer(REGISTRY, CATEGORIES, box_detector=lambda image: list(boxes))(BLANK)
+    return ObjectNamer(REGISTRY, CATEGORIES, box_detectors={"eye": lambda image: list(boxes)})(
+        BLANK
+    )
 
 
 # --------------------------------------------------------------------------------- names
@@ -206,7 +208,7 @@ def outcome(a_frame, *boxes):
 @pytest.fixture
 def rates():
     stool = frame(category="stool", given_keypoints=None)
-    far = box("chair", 0.7, 100, 10, 110, 20)
+    far = box("chair", 0.7, 75, 10, 115, 55)
     table = detection_table(
         [
             (frame(), outcome(frame(), PERSON, CHAIR)),

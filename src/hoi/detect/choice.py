@@ -1,18 +1,21 @@
-"""Which person and which object: the written rule, and a verdict for every box that lost.
+"""Which person and which object: the written rule, and a verdict with its reason for every box.
 
 1. People scoring under the threshold are out (``below_threshold``); so is a box that lies mostly in
    that of a surer person (``same_person``: a part of the body, or its double), and one that is
    smaller than a share of the largest person's (``background_person``).
-2. Boxes whose class does not stand for the category are out (``other_class``); the others' scores
-   are weighted (look-alike classes count less) and compared with the threshold.
-3. Every remaining pair is rated ``person score x object score x nearness x size``: nearness falls
-   linearly from 1 where the boxes touch to 0 at the reach, and is 0 where both boxes are the same
-   (``same_as_person``); size is the square root of the person's area over the largest person's.
-   The best pair is chosen, the earlier box winning a tie.
+2. Looks around each person who is left propose places of the object, with an evidence
+   (:mod:`hoi.detect.evidence`). A place is rated ``evidence x contact x size``: contact falls with
+   the distance from the person's hands, seat, back or feet, whichever touches such things; size
+   with how much longer or shorter than such things the box is (:mod:`hoi.detect.touching`).
+   Without a pose, contact falls linearly with the gap between the boxes. Places beyond the reach
+   (``too_far_from_person``), the person's own box (``same_as_person``), and places whose evidence
+   x size is under the threshold (``below_threshold``) are out.
+3. The pair with the best ``person score x rating x size of the person`` is chosen; that last
+   factor is the square root of the person's area over the largest person's.
 
-What the user said goes first: of people, only the one counted or pointed at is left; of objects,
-only boxes around the point, whatever their score and distance, and of any class where none of the
-category's lies there.
+What the user said goes first: of people, only the one counted or pointed at is left; of places,
+only those around the point, however they are rated, and of any class where none of the category's
+lies there. A box that the user drew is the person, or the object, without further question.
 """
 
 from __future__ import annotations
@@ -21,142 +24,147 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hoi.artifacts import Candidate, Hints
-from hoi.detect.backends import Box, DetectedBox
+from hoi.detect.backends import Box, DetectedBox, PersonPose
 from hoi.detect.boxes import area, gap, longer_side, overlap, shared_area
 from hoi.detect.config import DetectConfig
-from hoi.detect.labels import ANY_CATEGORY, PERSON
+from hoi.detect.evidence import Proposal
+from hoi.detect.labels import ANY_CATEGORY
+from hoi.detect.touching import (
+    distance_m,
+    expectation,
+    nearness,
+    plausible_size,
+    touch_points,
+)
 from hoi.errors import FrameFailure
 
 CHOSEN = "chosen"
 NO_HINTS = Hints()
+_EVERYWHERE = ("hands", "seat", "back", "feet")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One plausible person and what was seen around them."""
+
+    person: DetectedBox
+    pose: PersonPose | None
+    proposals: tuple[Proposal, ...]
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The chosen pair (each may be missing) and the verdict on every box, in the order given."""
+    """The chosen pair, each of which may be missing, and what became of every candidate."""
 
     person: DetectedBox | None
     object: DetectedBox | None
-    verdicts: tuple[str, ...]
+    pose: PersonPose | None
+    candidates: tuple[Candidate, ...]
     rivals: int  # other people who could as well have been meant
 
-    def candidates(self, boxes: Sequence[DetectedBox]) -> list[Candidate]:
-        return [
-            Candidate(
-                label=item.label,
-                score=item.score,
-                box=item.box,
-                verdict=verdict,
-                source=item.source,
-            )
-            for item, verdict in zip(boxes, self.verdicts, strict=True)
-        ]
+
+@dataclass(frozen=True)
+class _Rating:
+    value: float
+    verdict: str  # why the proposal is out, empty when it is not
+    reason: str
 
 
 def choose(
-    boxes: Sequence[DetectedBox],
-    weights: dict[str, float],
+    people: Sequence[DetectedBox],
+    verdicts: Sequence[str],
+    scenes: Sequence[Scene],
+    category: str,
     config: DetectConfig,
     hints: Hints = NO_HINTS,
+    unplaced: Sequence[Proposal] = (),
 ) -> Choice:
     """Apply the rule of this module.
 
     Args:
-        boxes: everything the detector saw.
-        weights: detector label -> factor on its score, for the frame's category.
-        config: thresholds and reach.
-        hints: what the user said; its boxes count as detected ones and are not looked at here.
+        people: every person's box.
+        verdicts: what :func:`screen_people` says of them.
+        scenes: the people who are left, and the places proposed around each.
+        category: the object's noun.
+        config: thresholds and weights.
+        hints: what the user said.
+        unplaced: what was proposed though nobody is there, for the record.
     """
-    weights = _pointed_weights(boxes, weights, hints)
-    verdicts = [_screen(index, boxes, weights, config, hints) for index in range(len(boxes))]
-    _keep_the_meant_person(boxes, verdicts, hints)
-    open_cases = [index for index, verdict in enumerate(verdicts) if not verdict]
-    people = [index for index in open_cases if boxes[index].label == PERSON]
-    objects = [index for index in open_cases if boxes[index].label != PERSON]
-    largest = max((area(boxes[index].box) for index in people), default=0.0)
+    largest = max((area(scene.person.box) for scene in scenes), default=0.0)
+    ratings = [
+        [_rate(place, scene, category, config, hints) for place in scene.proposals]
+        for scene in scenes
+    ]
 
-    def rating(person: int, thing: int) -> float:
-        body, candidate = boxes[person], boxes[thing]
-        score = candidate.score * weights[candidate.label]
-        size = (area(body.box) / largest) ** 0.5
-        pointed = hints.object_point is not None
-        near = 1.0 if pointed else _nearness(body.box, candidate.box, config)
-        return body.score * score * near * size
+    def pair(which: int, place: int) -> float:
+        body = scenes[which].person
+        return body.score * ratings[which][place].value * (area(body.box) / largest) ** 0.5
 
-    pairs = [(rating(person, thing), -person, -thing) for person in people for thing in objects]
-    best = max(pairs, default=(0.0, 0, 0))
-    person = thing = None
-    if best[0] > 0:
-        person, thing = -best[1], -best[2]
-    elif people:
-        person = max(
-            people, key=lambda index: (boxes[index].score * area(boxes[index].box), -index)
-        )
-    for index in people:
-        verdicts[index] = CHOSEN if index == person else "other_person"
-    for index in objects:
-        verdicts[index] = CHOSEN if index == thing else "other_object"
-        if person is not None and rating(person, index) == 0:
-            same = _same_thing(boxes[person].box, boxes[index].box, config)
-            verdicts[index] = "same_as_person" if same else "too_far_from_person"
+    pairs = [
+        (pair(which, place), -which, -place)
+        for which in range(len(scenes))
+        for place in range(len(ratings[which]))
+        if not ratings[which][place].verdict
+    ]
+    best = max(pairs, default=None)
+    if best is not None:
+        chosen, thing = -best[1], -best[2]
+    else:
+        order = range(len(scenes))
+        chosen = max(order, key=lambda i: (_plainness(scenes[i].person), -i), default=None)
+        thing = None
+    scene = None if chosen is None else scenes[chosen]
+    candidates = [
+        _person_candidate(box, verdict, scene, len(scenes))
+        for box, verdict in zip(people, verdicts, strict=True)
+    ]
+    if scene is not None and chosen is not None:
+        candidates += [
+            _object_candidate(place, rating, index == thing)
+            for index, (place, rating) in enumerate(
+                zip(scene.proposals, ratings[chosen], strict=True)
+            )
+        ]
+    nobody = _Rating(0.0, "no_person", "there is nobody to use it")
+    candidates += [_object_candidate(place, nobody, chosen=False) for place in unplaced]
     return Choice(
-        None if person is None else boxes[person],
-        None if thing is None else boxes[thing],
-        tuple(verdicts),
-        max(len(people) - 1, 0),
+        scene and scene.person,
+        None if scene is None or thing is None else scene.proposals[thing].seen,
+        scene and scene.pose,
+        tuple(candidates),
+        max(len(scenes) - 1, 0),
     )
 
 
-def _pointed_weights(
-    boxes: Sequence[DetectedBox], weights: dict[str, float], hints: Hints
-) -> dict[str, float]:
-    """The classes to look at: every one, where the user points at none of the category's."""
-    if hints.object_point is None:
-        return weights
-    there = {b.label for b in boxes if b.label != PERSON and _holds(b.box, hints.object_point)}
-    return weights if there & set(weights) else dict.fromkeys(there, 1.0)
+# ------------------------------------------------------------------------------------- people
 
 
-def _keep_the_meant_person(boxes: Sequence[DetectedBox], verdicts: list[str], hints: Hints) -> None:
-    """Rule out, in `verdicts`, all people but the one whom the user counted or pointed at."""
-    people = [i for i, item in enumerate(boxes) if item.label == PERSON and not verdicts[i]]
-    people.sort(key=lambda index: boxes[index].box[0] + boxes[index].box[2])
-    meant = people
+def screen_people(
+    people: Sequence[DetectedBox], config: DetectConfig, hints: Hints = NO_HINTS
+) -> list[str]:
+    """Why each is out of the question; empty for those who are not."""
+    verdicts = [_screen_person(index, people, config, hints) for index in range(len(people))]
+    left = [index for index, verdict in enumerate(verdicts) if not verdict]
+    left.sort(key=lambda index: people[index].box[0] + people[index].box[2])
+    meant = left
     if hints.person_point is not None:
-        around = [i for i in people if _holds(boxes[i].box, hints.person_point)]
-        meant = sorted(around, key=lambda index: area(boxes[index].box))[:1]
+        around = [index for index in left if holds(people[index].box, hints.person_point)]
+        meant = sorted(around, key=lambda index: area(people[index].box))[:1]
     elif hints.person is not None:
-        meant = people[hints.person - 1 : hints.person]
-    for index in set(people) - set(meant):
+        meant = left[hints.person - 1 : hints.person]
+    for index in set(left) - set(meant):
         verdicts[index] = "not_the_person_asked_for"
+    return verdicts
 
 
-def _holds(box: Box, point: Sequence[float]) -> bool:
-    return box[0] <= point[0] <= box[2] and box[1] <= point[1] <= box[3]
-
-
-def _screen(
-    index: int,
-    boxes: Sequence[DetectedBox],
-    weights: dict[str, float],
-    config: DetectConfig,
-    hints: Hints,
+def _screen_person(
+    index: int, people: Sequence[DetectedBox], config: DetectConfig, hints: Hints
 ) -> str:
-    """Why a box is out of the question whatever it is paired with; empty when it is not."""
-    item = boxes[index]
-    if item.label != PERSON:
-        if hints.object_point is not None:
-            if not _holds(item.box, hints.object_point):
-                return "not_at_the_point"
-            return "" if item.label in weights else "other_class"
-        if item.label not in weights:
-            return "other_class"
-        low = item.score * weights[item.label] < config.object_threshold
-        return "below_threshold" if low else ""
+    item = people[index]
     if item.score < config.person_threshold:
         return "below_threshold"
-    people = [other for other in boxes if other.label == PERSON and other is not item]
-    certain = [other for other in people if other.score >= config.person_threshold]
+    others = [other for other in people if other is not item]
+    certain = [other for other in others if other.score >= config.person_threshold]
     if any(
         other.score > item.score and _share(item.box, other.box) >= config.same_person
         for other in certain
@@ -168,28 +176,113 @@ def _screen(
     return "background_person" if area(item.box) < config.rival_area * largest else ""
 
 
+def plainest(people: Sequence[DetectedBox], verdicts: Sequence[str], count: int) -> list[int]:
+    """Indices of at most `count` people who are not out, the surest and largest first."""
+    left = [index for index, verdict in enumerate(verdicts) if not verdict]
+    return sorted(left, key=lambda index: (-_plainness(people[index]), index))[:count]
+
+
+def _plainness(person: DetectedBox) -> float:
+    return person.score * area(person.box)
+
+
 def _share(first: Box, second: Box) -> float:
     """Shared area as a share of the smaller box."""
     smaller = min(area(first), area(second))
     return shared_area(first, second) / smaller if smaller > 0 else 1.0
 
 
-def _same_thing(person: Box, thing: Box, config: DetectConfig) -> bool:
-    return overlap(person, thing) >= config.same_thing
+def holds(box: Box, point: Sequence[float]) -> bool:
+    """Whether the point lies in the box."""
+    return box[0] <= point[0] <= box[2] and box[1] <= point[1] <= box[3]
 
 
-def _nearness(person: Box, thing: Box, config: DetectConfig) -> float:
-    if _same_thing(person, thing, config):
-        return 0.0
-    distance = gap(person, thing) / max(longer_side(person), 1e-9)
-    return max(1 - distance / config.reach, 0.0)
+def _person_candidate(
+    person: DetectedBox, verdict: str, scene: Scene | None, plausible: int
+) -> Candidate:
+    if not verdict:
+        taken = scene is not None and scene.person is person
+        verdict = CHOSEN if taken else "other_person"
+    reason = {
+        CHOSEN: "the only plausible person"
+        if plausible == 1
+        else f"goes best with an object among {plausible} plausible people",
+        "other_person": "another one goes better with an object, or is plainer",
+        "below_threshold": "the score is too low",
+        "same_person": "lies in the box of a surer person",
+        "background_person": "much smaller than the largest person",
+    }.get(verdict, verdict.replace("_", " "))
+    return Candidate(
+        label=person.label,
+        score=person.score,
+        box=person.box,
+        verdict=verdict,
+        reason=reason,
+        source=person.source,
+    )
+
+
+# ------------------------------------------------------------------------------------ objects
+
+
+def _rate(
+    place: Proposal, scene: Scene, category: str, config: DetectConfig, hints: Hints
+) -> _Rating:
+    box, person = place.seen.box, scene.person.box
+    told = f"evidence {place.evidence:.2f} of {place.looks} looks"
+    if place.unnamed:
+        told += ", none of which names such a thing"
+    if hints.object_point is not None:
+        at = holds(box, hints.object_point)
+        return _Rating(place.evidence if at else 0.0, "" if at else "not_at_the_point", told)
+    if hints.object_box is not None:
+        return _Rating(place.evidence, "", "drawn by the user")
+    if overlap(person, box) >= config.same_thing:
+        return _Rating(0.0, "same_as_person", f"{told}; the box is the person's")
+    away = gap(person, box) / max(longer_side(person), 1e-9)
+    if away >= config.reach:
+        return _Rating(0.0, "too_far_from_person", f"{told}; {away:.2f} person lengths away")
+    named = category not in ANY_CATEGORY
+    if not named and place.seen.score < config.unnamed_threshold:
+        return _Rating(place.evidence, "below_threshold", f"{told}; no look is sure of it")
+    size, contact = 1.0, 1 - away / config.reach
+    why = f"{told} x nearness {contact:.2f}"
+    if scene.pose is not None:
+        known = expectation(category if named else place.seen.label)
+        touch = touch_points(scene.pose, person, config.touch)
+        distance, part = distance_m(box, touch, known.touches if known else _EVERYWHERE)
+        contact = nearness(distance, config.touch)
+        why = f"{told} x contact {contact:.2f} ({part} at {distance:.2f} m)"
+        if known:
+            size = plausible_size(box, touch, known, config.touch)
+            extent = longer_side(box) / touch.pixels_per_metre
+            why = f"{why} x size {size:.2f} ({extent:.2f} m)"
+    value = place.evidence * contact * size
+    # contact tells which one is meant, not whether it is one
+    out = "below_threshold" if place.evidence * size < config.object_threshold else ""
+    return _Rating(value, out, f"rated {value:.2f}: {why}")
+
+
+def _object_candidate(place: Proposal, rating: _Rating, chosen: bool) -> Candidate:
+    verdict = CHOSEN if chosen else rating.verdict or "other_object"
+    return Candidate(
+        label=place.seen.label,
+        score=place.seen.score,
+        box=place.seen.box,
+        verdict=verdict,
+        reason=rating.reason,
+        source=place.seen.source,
+    )
+
+
+# ----------------------------------------------------------------------------------- failures
 
 
 def person_failure(
-    boxes: Sequence[DetectedBox], config: DetectConfig, hints: Hints = NO_HINTS
+    people: Sequence[DetectedBox], config: DetectConfig, hints: Hints = NO_HINTS
 ) -> FrameFailure:
     """Why there is no person: the best one that was seen, if any."""
-    found = sum(item.label == PERSON and item.score >= config.person_threshold for item in boxes)
+    found = sum(item.score >= config.person_threshold for item in people)
     if found and hints.person_point is not None:
         x, y = hints.person_point
         return FrameFailure(
@@ -202,7 +295,7 @@ def person_failure(
             f"person {hints.person} from the left was asked for and fewer were found; "
             "give a person_point or a person_box",
         )
-    best = max((item.score for item in boxes if item.label == PERSON), default=None)
+    best = max((item.score for item in people), default=None)
     seen = "no person at all" if best is None else f"at best one scoring {best:.2f}"
     return FrameFailure(
         "no_person_detected",
@@ -211,7 +304,7 @@ def person_failure(
 
 
 def object_failure(
-    boxes: Sequence[DetectedBox],
+    choice: Choice,
     category: str,
     weights: dict[str, float],
     config: DetectConfig,
@@ -230,17 +323,13 @@ def object_failure(
             f"the detector has no class for {category!r}; give a box or a mask of the object, "
             "or name a class under `labels`",
         )
-    scores = [
-        (item.score * weights[item.label], item.label) for item in boxes if item.label in weights
-    ]
-    if not scores:
-        reason = "the detector sees none"
+    seen = [item for item in choice.candidates if item.label in weights]
+    if not seen:
+        reason = "the detectors see none"
     else:
-        score, label = max(scores)
-        low = score < config.object_threshold
-        near = "too low" if low else "but lies too far away or on the person"
-        reason = f"the best box ({label}) scores {score:.2f}, {near}"
-    noun, advice = category, ""
+        best = max(seen, key=lambda item: item.score * weights[item.label])
+        reason = f"the best box ({best.label}, score {best.score:.2f}) is out: {best.reason}"
+    noun, advice = category, "; a box of the object in objects.yaml settles it"
     if category in ANY_CATEGORY:
         noun, advice = "sure object", "; name the object (objects.yaml), and less is enough"
     return FrameFailure(

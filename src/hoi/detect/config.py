@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator
 
-from hoi.detect.labels import ANY_CATEGORY, COCO80, PERSON
+from hoi.detect.labels import ANY_CATEGORY, KNOWN, PERSON
 from hoi.settings import Settings
 
 
@@ -17,18 +17,88 @@ class NanoDetConfig(Settings):
         default=0.6, gt=0, le=1, description="Boxes of one class overlapping more merge."
     )
     floor: float = Field(
-        default=0.05,
+        default=0.02,
         gt=0,
         le=1,
         description="Boxes scoring less are not even recorded as candidates.",
     )
-    crop_pass: bool = Field(
-        default=True,
-        description="Look again in a square around the person when the whole picture shows no "
-        "object of the category: the detector sees 416 x 416 pixels, a keyboard is lost in them.",
+
+
+class SsdConfig(Settings):
+    """The second box detector of the registry back end."""
+
+    nms_iou: float = Field(
+        default=0.55, gt=0, le=1, description="Boxes of one class overlapping more merge."
     )
-    crop_margin: float = Field(
-        default=1.5, ge=1, description="Side of that square / longer side of the box."
+    floor: float = Field(
+        default=0.03,
+        gt=0,
+        le=1,
+        description="Boxes scoring less are not even recorded as candidates.",
+    )
+
+
+class LooksConfig(Settings):
+    """Where the detectors look again: small networks lose small things in a large picture."""
+
+    around: tuple[float, ...] = Field(
+        default=(1.5, 2.0),
+        description="Sides of squares around the person / longer side of the person's box.",
+    )
+    around_small: tuple[float, ...] = Field(
+        default=(1.5,), description="The same for small things, which are looked for at the hands."
+    )
+    hands: float | None = Field(
+        default=0.7, gt=0, description="Side of that square around the middle of both hands."
+    )
+    small_m: float = Field(
+        default=0.6, description="Categories whose longest things are no longer are small."
+    )
+
+
+class EvidenceConfig(Settings):
+    """How looks vote for the place of the object, see :mod:`hoi.detect.evidence`."""
+
+    any_class_weight: float = Field(
+        default=0.2,
+        ge=0,
+        le=1,
+        description="Weight of a class that does not stand for the category, times its own "
+        "doubt: weight x score x (1 - score).",
+    )
+    faintest: float = Field(default=0.01, gt=0, description="Fainter votes do not count.")
+    same_place: float = Field(
+        default=0.5, gt=0, le=1, description="Boxes that overlap so much (IoU) are one proposal."
+    )
+    border: float = Field(
+        default=0.02, ge=0, description="A box that ends so near a look's border is cut off there."
+    )
+    cut_weight: float = Field(default=0.3, ge=0, le=1, description="Factor on its vote.")
+
+
+class TouchConfig(Settings):
+    """How a pose judges a box, see :mod:`hoi.detect.touching`."""
+
+    visible: float = Field(
+        default=0.5, ge=0, le=1, description="Confidence of keypoints that give the scale."
+    )
+    minimum_points: int = Field(default=4, ge=2)
+    minimum_spread_m2: float = Field(
+        default=0.01, gt=0, description="Summed squares under which landmarks give no scale."
+    )
+    person_height_m: float = Field(default=1.7, gt=0)
+    distance_m: float = Field(
+        default=0.2, gt=0, description="At this distance from contact the bonus is down to 1/e."
+    )
+    far_weight: float = Field(
+        default=0.15, gt=0, le=1, description="What is left of it for something out of reach."
+    )
+    hidden: float = Field(
+        default=0.5, gt=0, le=1, description="Things may look this much shorter: partly hidden."
+    )
+    loose: float = Field(default=1.3, ge=1, description="Boxes may be this much longer.")
+    size_tolerance: float = Field(
+        default=0.4, gt=0, description="Natural logarithm beyond that at which size counts 1/e."
     )
 
 
@@ -162,8 +232,8 @@ class DetectConfig(Settings):
         default=0.1,
         ge=0,
         le=1,
-        description="The paper: 0.9, and 0.6 as a second try (section 4.2). Ours can be low: only "
-        "boxes of the wanted class next to a person compete.",
+        description="The paper: 0.9, and 0.6 as a second try (section 4.2), on the score of one "
+        "box. Ours is on the evidence of all looks, and can be low.",
     )
     unnamed_threshold: float = Field(
         default=0.35,
@@ -203,6 +273,10 @@ class DetectConfig(Settings):
         "person's box, at which a pair is too far apart to interact.",
     )
 
+    max_people: int = Field(
+        default=3, ge=1, description="Poses are read of so many people, the plainest ones."
+    )
+
     same_person: float = Field(
         default=0.7,
         gt=0,
@@ -230,6 +304,10 @@ class DetectConfig(Settings):
     )
 
     nanodet: NanoDetConfig = NanoDetConfig()
+    ssd: SsdConfig = SsdConfig()
+    looks: LooksConfig = LooksConfig()
+    evidence: EvidenceConfig = EvidenceConfig()
+    touch: TouchConfig = TouchConfig()
     blazepose: BlazePoseConfig = BlazePoseConfig()
     grabcut: GrabCutConfig = GrabCutConfig()
     segmenter: SegmenterConfig = SegmenterConfig()
@@ -238,11 +316,10 @@ class DetectConfig(Settings):
     @classmethod
     def _labels_exist(cls, labels: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
         for category, names in labels.items():
-            unknown = sorted(set(names) - set(COCO80) | set(names) & {PERSON})
+            unknown = sorted(set(names) - set(KNOWN) | set(names) & {PERSON})
             if unknown or not names:
-                raise ValueError(
-                    f"{category}: {unknown or 'no label'}; object classes of COCO are known"
-                )
+                known = ", ".join(label for label in KNOWN if label != PERSON)
+                raise ValueError(f"{category}: {unknown or 'no label'}; detectors know {known}")
         return labels
 
     def for_category(self, category: str) -> DetectConfig:

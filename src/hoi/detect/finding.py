@@ -2,41 +2,61 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
 
 import numpy as np
 
 from hoi.artifacts import Hints
-from hoi.detect.backends import Box, BoxDetector, DetectedBox
-from hoi.detect.boxes import longer_side, overlap, pixel_window
-from hoi.detect.choice import CHOSEN, NO_HINTS, Choice, choose
+from hoi.body.keypoints import KEYPOINT
+from hoi.detect.backends import Box, BoxDetector, DetectedBox, PersonPose, PoseEstimator
+from hoi.detect.boxes import longer_side, pixel_window
+from hoi.detect.choice import NO_HINTS, Choice, Scene, choose, holds, plainest, screen_people
 from hoi.detect.config import DetectConfig
+from hoi.detect.evidence import Look, Proposal, propose
 from hoi.detect.labels import OWN, PERSON, USER
+from hoi.detect.touching import expectation
 
-#: Scores of the second look are for the same boxes: one that is there already adds nothing.
-_SAME_BOX = 0.5
+_WHOLE = "whole picture"
 
 
 class PairFinder:
-    """Finds a person and an object of the wanted classes with a box detector."""
+    """Finds a person and an object of the wanted classes.
 
-    def __init__(self, config: DetectConfig, detector: BoxDetector):
+    Args:
+        config: every threshold.
+        detectors: box detectors by name. People are those of the first one; of the next one where
+            the first sees nobody.
+        pose: reads the poses that say where people could touch things; without it the distance
+            between boxes must do.
+    """
+
+    def __init__(
+        self,
+        config: DetectConfig,
+        detectors: Mapping[str, BoxDetector],
+        pose: PoseEstimator | None = None,
+    ):
         self.config = config
-        self._detector = detector
+        self._detectors = dict(detectors)
+        self._pose = pose
 
     def __call__(
         self,
         image: np.ndarray,
+        intrinsics: np.ndarray | None,
+        category: str,
         weights: dict[str, float],
         own_person: Box | None = None,
         own_object: Box | None = None,
         config: DetectConfig | None = None,
         hints: Hints = NO_HINTS,
     ) -> tuple[list[DetectedBox], Choice]:
-        """Boxes of the whole picture, and of the person's surroundings if that finds no object.
+        """Every person's box, and the choice.
 
         Args:
             image: (H, W, 3) uint8.
+            intrinsics: (3, 3), for the pose model.
+            category: the object's noun, for what is known of such things.
             weights: wanted detector classes, see :func:`hoi.detect.labels.label_weights`.
             own_person, own_object: boxes that are known, and taken instead of detected ones.
             config: other thresholds than those of this finder.
@@ -47,45 +67,116 @@ class PairFinder:
         own_object = own_object or hints.object_box
         if own_person is not None:
             hints = hints.model_copy(update={"person": None, "person_point": None})
+        hints = hints.model_copy(update={"object_box": own_object})
         if own_object is not None:
             hints = hints.model_copy(update={"object_point": None})
-        if own_object is not None:
-            weights = {OWN: 1.0}
-        boxes = [] if own_person and own_object else self._detector(image)
-        if own_person is not None:
-            boxes = [item for item in boxes if item.label != PERSON]
-            boxes.append(DetectedBox(PERSON, 1.0, own_person, USER))
-        if own_object is not None:
-            boxes.append(DetectedBox(OWN, 1.0, own_object, USER))
-        choice = choose(boxes, weights, config, hints)
-        if choice.person is None or choice.object is not None:
-            return boxes, choice
-        if own_object is not None:  # the rule doubts it, its owner does not
-            verdicts = (*choice.verdicts[:-1], CHOSEN)
-            return boxes, replace(choice, object=boxes[-1], verdicts=verdicts)
-        if (weights or hints.object_point) and config.nanodet.crop_pass:
-            boxes = boxes + self._second_look(image, choice.person.box, boxes)
-            choice = choose(boxes, weights, config, hints)
-        return boxes, choice
+        looks = [] if own_person and own_object else self._look(image, _WHOLE, None)
+        people = self._people(looks, own_person, config)
+        verdicts = screen_people(people, config, hints)
+        scenes = []
+        for index in plainest(people, verdicts, config.max_people):
+            pose = None
+            if self._pose is not None and intrinsics is not None:
+                pose = self._pose(image, people[index].box, intrinsics)
+            if own_object is not None:
+                drawn = DetectedBox(OWN, 1.0, own_object, USER)
+                places = [Proposal(drawn, 1.0, 0, unnamed=False)]
+            else:
+                places = self._places(
+                    image, looks, people[index].box, pose, category, weights, config, hints
+                )
+            scenes.append(Scene(people[index], pose, tuple(places)))
+        unplaced: list[Proposal] = []
+        if not scenes:
+            unplaced = propose(looks, weights, config.evidence, image.shape[:2])
+        return people, choose(people, verdicts, scenes, category, config, hints, unplaced)
 
-    def _second_look(
-        self, image: np.ndarray, person: Box, seen: list[DetectedBox]
+    def _people(
+        self, looks: list[Look], own: Box | None, config: DetectConfig
     ) -> list[DetectedBox]:
-        """Objects, in image pixels, that show up in a square around the person."""
-        x, y = (person[0] + person[2]) / 2, (person[1] + person[3]) / 2
-        half = self.config.nanodet.crop_margin * longer_side(person) / 2
-        rows, columns = pixel_window((x - half, y - half, x + half, y + half), *image.shape[:2])
-        left, top = columns.start, rows.start
-        found = []
-        for item in self._detector(image[rows, columns]):
-            x0, y0, x1, y1 = item.box
-            box = (x0 + left, y0 + top, x1 + left, y1 + top)
-            known = any(
-                item.label == other.label
-                and item.score <= other.score
-                and overlap(box, other.box) > _SAME_BOX
-                for other in seen
-            )
-            if item.label != PERSON and not known:
-                found.append(DetectedBox(item.label, item.score, box))
+        if own is not None:
+            return [DetectedBox(PERSON, 1.0, own, USER)]
+        found: list[DetectedBox] = []
+        for look in looks:
+            people = [item for item in look.boxes if item.label == PERSON]
+            found += people
+            if any(item.score >= config.person_threshold for item in people):
+                break
         return found
+
+    def _look(self, image: np.ndarray, where: str, window: Box | None) -> list[Look]:
+        """One look of every detector at a part of the image."""
+        left = top = 0
+        if window is not None:
+            rows, columns = pixel_window(window, *image.shape[:2])
+            left, top = columns.start, rows.start
+            image = image[rows, columns]
+            if min(image.shape[:2]) < 2:
+                return []
+        looks = []
+        for name, detector in self._detectors.items():
+            boxes = tuple(
+                DetectedBox(
+                    item.label,
+                    item.score,
+                    (
+                        item.box[0] + left,
+                        item.box[1] + top,
+                        item.box[2] + left,
+                        item.box[3] + top,
+                    ),
+                    f"{name}, {where}",
+                )
+                for item in detector(image)
+            )
+            looks.append(Look(f"{name}, {where}", boxes, window))
+        return looks
+
+    def _places(
+        self,
+        image: np.ndarray,
+        looks: list[Look],
+        person: Box,
+        pose: PersonPose | None,
+        category: str,
+        weights: dict[str, float],
+        config: DetectConfig,
+        hints: Hints,
+    ) -> list[Proposal]:
+        """Where the object of one person may be, by looks at the picture and around the person."""
+        if not weights and hints.object_point is None:
+            return []
+        looks = list(looks)
+        for where, window in _windows(person, pose, category, config):
+            looks += self._look(image, where, window)
+        size = image.shape[:2]
+        places = propose(looks, weights, config.evidence, size)
+        point = hints.object_point
+        if point is None or any(holds(p.seen.box, point) and not p.unnamed for p in places):
+            return places
+        labels = {item.label for look in looks for item in look.boxes} - {PERSON}
+        return propose(looks, dict.fromkeys(labels, 1.0), config.evidence, size)
+
+
+def _windows(
+    person: Box, pose: PersonPose | None, category: str, config: DetectConfig
+) -> list[tuple[str, Box]]:
+    """Names and boxes of the squares to look at again."""
+    side = longer_side(person)
+    centre = np.array([person[0] + person[2], person[1] + person[3]]) / 2
+    known, looks = expectation(category), config.looks
+    small = known is not None and known.longest_m <= looks.small_m
+    at_hands = small and pose is not None and looks.hands is not None
+    windows = [
+        (f"around person x{share:g}", _square(centre, share * side))
+        for share in (looks.around_small if at_hands else looks.around)
+    ]
+    if at_hands and pose is not None and looks.hands is not None:
+        wrists = pose.keypoints[[KEYPOINT["left_wrist"], KEYPOINT["right_wrist"]], :2]
+        windows.append(("at the hands", _square(wrists.mean(0), looks.hands * side)))
+    return windows
+
+
+def _square(centre: np.ndarray, side: float) -> Box:
+    x, y, half = float(centre[0]), float(centre[1]), side / 2
+    return x - half, y - half, x + half, y + half

@@ -33,11 +33,15 @@ CONVERTER = 1  # raise when the conversion changes, so that old results are made
 
 @dataclass(frozen=True)
 class PinnedFile:
-    """One file of a package: its name there, its name here and its sha256."""
+    """One file of a package: its name there, its name here and its sha256.
+
+    Of a file that packs several, `offset` is where the wanted one begins; it reaches to the end.
+    """
 
     member: str
     name: str
     sha256: str
+    offset: int = 0
 
 
 @dataclass(frozen=True)
@@ -98,7 +102,25 @@ NANODET = Package(
         ),
     ),
 )
-PACKAGES: dict[str, tuple[Package, ...]] = {"none": (), "pose": (POSE,), "all": (POSE, NANODET)}
+SSD_OIDV4 = "ssd_oidv4.tflite"
+OBJECTRON = Package(
+    "@mediapipe/objectron",
+    "0.4.1675468480",
+    "Apache-2.0",
+    (
+        PinnedFile(
+            "package/objectron_solution_packed_assets.data",
+            SSD_OIDV4,
+            "d0a5255bf8c4f5a0bc4240741a76c41d5e939f7655078f945f50ab53a9375da6",
+            offset=184,  # the names of the classes come first
+        ),
+    ),
+)
+PACKAGES: dict[str, tuple[Package, ...]] = {
+    "none": (),
+    "pose": (POSE,),
+    "all": (POSE, NANODET, OBJECTRON),
+}
 NANODET_ONNX = "nanodet.onnx"
 
 
@@ -112,7 +134,7 @@ def fetch_models(models_dir: Path | str, which: Which = "all") -> list[Path]:
     """Make sure that the model files of `which` lie in `models_dir`, and return their paths.
 
     ``pose`` (37 MB kept, 41 MB downloaded) is what given masks need: keypoints and 3D landmarks.
-    ``all`` adds the box detector (23 MB kept, 145 MB downloaded). A file that is there with the
+    ``all`` adds the box detectors (33 MB kept, 178 MB downloaded). A file that is there with the
     right sha256 is left alone; an archive of the right name in `models_dir` is used before npm is
     asked. Raises AssetError, with the command that helps, when npm or the network is missing or
     when a file does not have its pinned sha256.
@@ -180,7 +202,7 @@ def read_members(archive: Path, files: Iterable[PinnedFile]) -> dict[str, bytes]
                 reader = stream.extractfile(member) if member.isfile() else None
                 if reader is None:
                     raise AssetError(f"{archive}: {member.name} is not a regular file")
-                contents[member.name] = data = reader.read()
+                contents[member.name] = data = reader.read()[file.offset :]
                 found = hashlib.sha256(data).hexdigest()
                 if found != file.sha256:
                     raise AssetError(

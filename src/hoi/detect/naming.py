@@ -27,7 +27,7 @@ class ObjectNamer:
         categories: the categories with exemplars; the first that claims a detector class as its
             own gets it.
         models_dir: folder of the detector's files.
-        box_detector: another implementation, by default NanoDet.
+        box_detectors: other implementations, by default NanoDet and SSD.
     """
 
     def __init__(
@@ -36,13 +36,13 @@ class ObjectNamer:
         categories: Sequence[str],
         models_dir: Path | str | None = None,
         *,
-        box_detector: BoxDetector | None = None,
+        box_detectors: Mapping[str, BoxDetector] | None = None,
     ):
-        if box_detector is None:
-            from hoi.detect.nanodet import NanoDet
+        if box_detectors is None:
+            from hoi.detect.stage import registry_detectors
 
-            box_detector = NanoDet(config.nanodet, require_models(models_dir, "all"))
-        self._find = PairFinder(config.for_category(AUTO), box_detector)
+            box_detectors = registry_detectors(config, require_models(models_dir, "all"))
+        self._find = PairFinder(config.for_category(AUTO), box_detectors)
         self._category = category_of_label(categories, config.labels)
 
     def __call__(self, image: np.ndarray, hints: Hints = NO_HINTS) -> str | None:
@@ -52,15 +52,17 @@ class ObjectNamer:
         can say what it is that has no exemplars. A box that the user drew is named by the surest
         detection that it overlaps.
         """
-        boxes, choice = self._find(
+        _, choice = self._find(
             image,
+            None,
+            AUTO,
             label_weights(AUTO, {}, 1.0),
             hints=hints.model_copy(update={"object_box": None}),
         )
         label = choice.object.label if choice.object else None
         if hints.object_box is not None:
-            drawn = hints.object_box
-            inside = [b for b in boxes if b.label != PERSON and overlap(b.box, drawn) >= _SAME_BOX]
+            drawn, seen = hints.object_box, choice.candidates
+            inside = [c for c in seen if c.label != PERSON and overlap(c.box, drawn) >= _SAME_BOX]
             label = max(inside, key=lambda item: item.score).label if inside else None
         return None if label is None else self._category.get(label, label)
 

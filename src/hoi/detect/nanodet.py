@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -79,9 +80,16 @@ def decode(scores: list[np.ndarray], distances: list[np.ndarray]) -> tuple[np.nd
 
 
 def suppress(
-    scores: np.ndarray, boxes: np.ndarray, floor: float, nms_iou: float
+    scores: np.ndarray,
+    boxes: np.ndarray,
+    floor: float,
+    nms_iou: float,
+    names: Sequence[str] = COCO80,
 ) -> list[DetectedBox]:
-    """Non-maximum suppression class by class; boxes over `floor`, best first."""
+    """Non-maximum suppression class by class; boxes over `floor`, best first.
+
+    `scores` (N, C) of the classes `names`, `boxes` (N, 4) in pixels.
+    """
     cells, classes = np.nonzero(scores >= floor)
     if not len(cells):
         return []
@@ -91,7 +99,7 @@ def suppress(
         sizes.tolist(), values.tolist(), classes.tolist(), floor, nms_iou
     )
     found = [
-        DetectedBox(COCO80[classes[index]], float(values[index]), _box(boxes[cells[index]]))
+        DetectedBox(names[classes[index]], float(values[index]), _box(boxes[cells[index]]))
         for index in np.asarray(kept, int).reshape(-1)
     ]
     return sorted(found, key=lambda item: (-item.score, item.label, item.box))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -55,6 +56,7 @@ class _Subjects:
     object_box: Box
     person: DetectedBox | None = None
     object: DetectedBox | None = None
+    pose: PersonPose | None = None
     person_mask: np.ndarray | None = None
     object_mask: np.ndarray | None = None
     candidates: list[Candidate] = field(default_factory=list)
@@ -67,9 +69,9 @@ class DetectStage:
         config: what is given, what is detected, and every threshold.
         models_dir: folder of the model files, see :mod:`hoi.detect.models`; may be None when the
             configuration needs none.
-        box_detector, pose_estimator, object_segmenter: other implementations of the roles in
-            :mod:`hoi.detect.backends`; by default NanoDet, BlazePose and the segmenter that the
-            configuration names.
+        box_detectors, pose_estimator, object_segmenter: other implementations of the roles in
+            :mod:`hoi.detect.backends`; by default NanoDet and SSD, BlazePose and the segmenter that
+            the configuration names.
 
     Raises AssetError when a model file that the configuration needs is missing or damaged.
     """
@@ -79,26 +81,26 @@ class DetectStage:
         config: DetectConfig,
         models_dir: Path | str | None = None,
         *,
-        box_detector: BoxDetector | None = None,
+        box_detectors: Mapping[str, BoxDetector] | None = None,
         pose_estimator: PoseEstimator | None = None,
         object_segmenter: ObjectSegmenter | None = None,
     ):
         self.config = config
         self._pose, self._segment = pose_estimator, object_segmenter
-        needs_boxes = config.masks != "given" and box_detector is None
+        detects = config.masks != "given"
+        needs_boxes = detects and box_detectors is None
         needs_pose = config.needed_models != "none" and pose_estimator is None
         if needs_boxes or needs_pose:
             folder = require_models(models_dir, "all" if needs_boxes else "pose")
             if needs_boxes:
-                from hoi.detect.nanodet import NanoDet
-
-                box_detector = NanoDet(config.nanodet, folder)
+                box_detectors = registry_detectors(config, folder)
             if needs_pose:
                 from hoi.detect.blazepose import BlazePose
 
                 self._pose = BlazePose(config.blazepose, folder)
-        detects = config.masks != "given"
-        self._find = PairFinder(config, box_detector) if detects and box_detector else None
+        self._find = None
+        if detects and box_detectors:
+            self._find = PairFinder(config, box_detectors, self._pose)
         if detects and object_segmenter is None:
             from hoi.detect.segmenter import object_segmenter_of
 
@@ -116,17 +118,19 @@ class DetectStage:
         if self._find is None:
             return self._describe(frame, image, self._given_subjects(frame), seed)
         person, thing = self._own_mask(frame, "person"), self._own_mask(frame, "object")
-        boxes, choice = self._find(
+        people, choice = self._find(
             image,
+            frame.intrinsics,
+            frame.category,
             self._weights(frame),
             None if person is None else mask_box(person),
             None if thing is None else mask_box(thing),
             self.config.for_category(frame.category),
             frame.hints,
         )
-        candidates = choice.candidates(boxes)
+        candidates = list(choice.candidates)
         try:
-            subjects = self._detected_subjects(frame, boxes, choice, candidates)
+            subjects = self._detected_subjects(frame, people, choice, candidates)
             subjects = replace(subjects, person_mask=person, object_mask=thing)
             return self._describe(frame, image, subjects, seed)
         except FrameFailure as failure:
@@ -146,23 +150,24 @@ class DetectStage:
         return _Subjects(mask_box(person), mask_box(thing), person_mask=person, object_mask=thing)
 
     def _detected_subjects(
-        self, frame: Frame, boxes: list[DetectedBox], choice: Choice, candidates: list[Candidate]
+        self, frame: Frame, people: list[DetectedBox], choice: Choice, candidates: list[Candidate]
     ) -> _Subjects:
         config = self.config.for_category(frame.category)
         if choice.person is None:
-            raise person_failure(boxes, config, frame.hints)
+            raise person_failure(people, config, frame.hints)
         if choice.rivals and config.require_single_person:
             raise FrameFailure(
                 "several_people", f"{choice.rivals + 1} people are equally plausible"
             )
         if choice.object is None:
             weights = self._weights(frame)
-            raise object_failure(boxes, frame.category, weights, config, frame.hints)
+            raise object_failure(choice, frame.category, weights, config, frame.hints)
         return _Subjects(
             choice.person.box,
             choice.object.box,
             person=choice.person,
             object=choice.object,
+            pose=choice.pose,
             candidates=candidates,
         )
 
@@ -174,8 +179,8 @@ class DetectStage:
     ) -> Detection:
         """Masks, keypoints and landmarks of the pair."""
         config = self.config
-        pose = None
-        if self._pose is not None:
+        pose = subjects.pose
+        if self._find is None and self._pose is not None:
             assert frame.intrinsics is not None  # a frame that is ok has them
             pose = self._pose(image, subjects.person_box, frame.intrinsics)
         person_mask, person_source = self._person_mask(subjects, pose)
@@ -259,6 +264,17 @@ class DetectStage:
         pixels = int(mask.sum())
         if pixels < self.config.minimum_mask_pixels:
             raise FrameFailure(f"{which}_mask_empty", f"the {which} mask has {pixels} pixels")
+
+
+def registry_detectors(config: DetectConfig, models_dir: Path) -> dict[str, BoxDetector]:
+    """The box detectors of the registry back end, the one whose people count first."""
+    from hoi.detect.nanodet import NanoDet
+    from hoi.detect.ssd_oidv4 import SsdOidV4
+
+    return {
+        "nanodet": NanoDet(config.nanodet, models_dir),
+        "ssd": SsdOidV4(config.ssd, models_dir),
+    }
 
 
 def _score(found: DetectedBox | None, mask: np.ndarray | None) -> float | None:
