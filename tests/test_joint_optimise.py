@@ -8,14 +8,17 @@ import numpy as np
 import pytest
 import torch
 
+from hoi.geometry import chamfer_distance
 from hoi.joint.config import Schedule
 from hoi.joint.optimise import Evaluated, Objective, adam, best_depth, lbfgs, minimise
 from hoi.joint.problem import choose_hypotheses
 from hoi.joint.select import (
     choose,
+    mean_distances,
     occlusion_order_violation,
     order_violation_by_depth,
     rule_text,
+    scores,
 )
 from hoi.joint.terms import Placement
 from hoi.rendering import Roi
@@ -142,13 +145,37 @@ def test_hypotheses_keep_their_rank_and_no_exemplar_fills_the_list():
 
 def test_selection_adds_the_order_violation_to_the_loss():
     total, violation = np.array([1.0, 0.9, np.inf]), np.array([0.0, 0.3, 0.0])
-    assert choose(total, violation, order_weight=1.0) == 0
-    assert choose(total, violation, order_weight=0.0) == 1
-    assert choose(np.array([0.5, 0.5]), np.zeros(2), 1.0) == 0
+    assert scores(total, violation, order_weight=1.0).argmin() == 0
+    assert scores(total, violation, order_weight=0.0).argmin() == 1
+    unlikely = np.array([0.5, 0.0, 0.0])
+    assert scores(total, violation, 1.0, unlikely, action_weight=1.0).argmin() == 1
     with pytest.raises(ValueError, match="finite"):
-        choose(np.array([np.nan, np.inf]), np.zeros(2), 1.0)
+        scores(np.array([np.nan, np.inf]), np.zeros(2), 1.0)
     assert rule_text(0) == "lowest total loss"
     assert "occlusion" in rule_text(1.0)
+    assert "expected distance" in rule_text(1.0, 0.1, 0.2)
+
+
+def test_the_lowest_score_wins_and_ties_go_to_the_better_rank():
+    points = [np.zeros((1, 3))] * 3
+    assert choose(np.array([0.5, 0.5, 0.7]), points, consensus=0.0) == 0
+    assert choose(np.array([np.inf, 0.5, 0.4]), points, consensus=0.0) == 2
+
+
+def test_of_equally_likely_poses_the_one_in_the_middle_is_kept():
+    points = [np.array([[x, 0.0, 0.0]]) for x in (0.0, 1.0, 1.1, 1.2, 1.3, 9.0)]
+    score = np.array([0.50, 0.52, 0.51, 0.52, 0.52, 30.0])
+    assert choose(score, points, consensus=0.0) == 0
+    assert choose(score, points, consensus=1.0) == 2
+    assert choose(score, points, consensus=1e-3) == 0  # the best is likelier by far
+
+
+def test_mean_distances_agree_with_the_chamfer_distance():
+    rng = np.random.default_rng(0)
+    points = [rng.normal(size=(40, 3)) for _ in range(3)]
+    found = mean_distances(points)
+    assert found[0, 2] == pytest.approx(chamfer_distance(points[0], points[2]))
+    assert np.allclose(found, found.T) and np.all(np.diag(found) == 0)
 
 
 @pytest.mark.parametrize("object_depth, expected", [(2.0, 0.0), (4.0, 1.0)])

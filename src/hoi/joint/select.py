@@ -6,11 +6,15 @@ Sees the image and the priors, never the truth.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from hoi.joint.inputs import Inputs
 from hoi.rendering import crop_mask, depth_map, intrinsics_for
+
+_NEGLIGIBLE = 1e-3  # hypotheses this much less likely than the best have no say
 
 
 def occlusion_order_violation(
@@ -76,30 +80,57 @@ def surprisal(probability: float) -> float:
     return -math.log(min(max(probability, 1e-6), 1.0))
 
 
-def rule_text(order_weight: float, action_weight: float = 0.0) -> str:
+def rule_text(order_weight: float, action_weight: float = 0.0, consensus: float = 0.0) -> str:
     """The selection rule in one line, for the artifact and the report."""
-    rule = "lowest total loss"
+    rule = "total loss"
     if order_weight:
         rule += f" + {order_weight:g} x occlusion-order violation"
     if action_weight:
         rule += f" - {action_weight:g} x log p(action)"
-    return rule
+    if consensus:
+        likely = f"exp(-score / {consensus:g}), score = {rule}"
+        return f"least expected distance to the others, weighted by {likely}"
+    return f"lowest {rule}"
 
 
-def choose(
+def scores(
     total: np.ndarray,
     violation: np.ndarray,
     order_weight: float,
     surprise: np.ndarray | float = 0.0,
     action_weight: float = 0.0,
-) -> int:
-    """Index of the lowest ``total + order_weight * violation + action_weight * surprise``.
+) -> np.ndarray:
+    """(K,) ``total + order_weight * violation + action_weight * surprise``.
 
-    Ties go to the better rank. Hypotheses with a total that is not finite are never chosen;
-    ValueError when there is no other.
+    Infinite where the total is not finite; ValueError when it is finite nowhere.
     """
     penalty = order_weight * violation + action_weight * np.broadcast_to(surprise, total.shape)
     score = np.where(np.isfinite(total), total + penalty, np.inf)
     if not np.isfinite(score).any():
         raise ValueError("no hypothesis has a finite loss")
-    return int(score.argmin())
+    return score
+
+
+def choose(score: np.ndarray, points: Sequence[np.ndarray], consensus: float) -> int:
+    """Index of the chosen hypothesis; ties go to the better rank.
+
+    With `consensus` 0 the lowest score wins. Else the scores are read as ``-consensus log p``, and
+    the hypothesis with the least expected distance to what may be true instead is taken (minimum
+    Bayes risk): of many that explain the picture about equally well, one in their middle.
+
+    Args:
+        score: (K,), lower is better. points: (N, 3) on each placed object, metres.
+    """
+    if consensus <= 0:
+        return int(score.argmin())
+    share = np.exp(-(score - score.min()) / consensus)
+    (likely,) = np.nonzero(share >= _NEGLIGIBLE * share.max())
+    distances = mean_distances([points[k] for k in likely])
+    return int(likely[(distances @ share[likely]).argmin()])
+
+
+def mean_distances(points: Sequence[np.ndarray]) -> np.ndarray:
+    """(K, K) sums of both mean distances from one point set (N, 3) to the nearest of another."""
+    trees = [KDTree(own) for own in points]
+    one_way = np.array([[tree.query(own)[0].mean() for tree in trees] for own in points])
+    return one_way + one_way.T

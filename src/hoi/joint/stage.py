@@ -23,6 +23,7 @@ from hoi.joint.select import (
     occlusion_order_violation,
     order_violation_by_depth,
     rule_text,
+    scores,
     surprisal,
 )
 from hoi.joint.signed_distance import surface_distance
@@ -104,6 +105,7 @@ class JointStage:
         with torch.no_grad():
             placement = Placement(problem, optimum.variables)
             vertices = placement.vertices.numpy()
+            surface = placement.placed(problem.object.surface_points).numpy()
         objects = [v[: len(e.vertices)] for v, e in zip(vertices, exemplars, strict=True)]
         human_scale = placement.human_scale.double().numpy()
         # nothing behind the camera can explain a picture
@@ -117,6 +119,7 @@ class JointStage:
             problem=problem,
             optimum=optimum,
             objects=objects,
+            surface=surface,
             human_scale=human_scale,
             total=torch.where(before, optimum.total, torch.inf).double().numpy(),
             violation=violation,
@@ -133,9 +136,11 @@ class JointStage:
             [np.full(len(s.total), surprisal(s.interaction.probability)) for s in solutions]
         )
         try:
-            selected = choose(total, violation, config.order_weight, surprise, config.action_weight)
+            score = scores(total, violation, config.order_weight, surprise, config.action_weight)
         except ValueError as error:
             raise FrameFailure("joint_diverged", str(error)) from error
+        points = [points for solution in solutions for points in solution.surface]
+        selected = choose(score, points, config.consensus)
         solution, k = _locate(solutions, selected)
         problem, optimum = solution.problem, solution.optimum
         rotation, translation, scale = _similarity(optimum.variables[k])
@@ -145,6 +150,7 @@ class JointStage:
         values = torch.cat([s.optimum.terms for s in solutions], 1)
         terms = {name: _listed(values[i]) for i, name in enumerate(names)}
         terms |= {"total": _listed(total), "order_violation": _listed(violation)}
+        terms["score"] = _listed(score)
         if len(solutions) > 1:
             terms["action_surprisal"] = _listed(surprise)
         terms["iou"] = _listed(np.concatenate([s.iou for s in solutions]))
@@ -172,7 +178,9 @@ class JointStage:
             hypothesis_terms=terms,
             selected=selected,
             selection_rule=rule_text(
-                config.order_weight, config.action_weight if len(solutions) > 1 else 0.0
+                config.order_weight,
+                config.action_weight if len(solutions) > 1 else 0.0,
+                config.consensus,
             ),
             loss_curve={name: _listed(optimum.curves[:, i, k]) for i, name in enumerate(names)},
         )
@@ -183,7 +191,8 @@ class Solution:
     """All hypotheses of one interaction, optimised.
 
     Attributes:
-        objects: K placed meshes (V, 3), camera frame, metres. human_scale: (K,).
+        objects: K placed meshes (V, 3), camera frame, metres. surface: (K, M, 3) points on them.
+        human_scale: (K,).
         total: (K,) final loss, infinite where the object reaches behind the camera.
         violation: (K,) of the occlusion order. iou, scale: (K,) of silhouette and object.
     """
@@ -192,6 +201,7 @@ class Solution:
     problem: Problem
     optimum: Optimum
     objects: list[np.ndarray]
+    surface: np.ndarray
     human_scale: np.ndarray
     total: np.ndarray
     violation: np.ndarray
