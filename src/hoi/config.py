@@ -21,6 +21,7 @@ from hoi.joint.config import JointConfig
 from hoi.objectfit.config import ObjectFitConfig
 from hoi.priors.config import PriorsConfig
 from hoi.report.config import ReportConfig
+from hoi.segmenter.config import SegmenterRecipe
 from hoi.settings import Settings
 from hoi.smplify.config import SmplifyConfig
 
@@ -76,6 +77,9 @@ class RunConfig(Settings):
     exemplars: ExemplarsConfig = ExemplarsConfig()
     detect: DetectConfig = DetectConfig()
     detect_photos: DetectConfig = DetectConfig(masks="prefer_given", keypoints="registry")
+    segmenter: SegmenterRecipe = Field(
+        default=SegmenterRecipe(), description="how the weights of the mask network are made"
+    )
     smplify: SmplifyConfig = SmplifyConfig()
     objectfit: dict[str, ObjectFitConfig] = Field(default={}, description="named searches")
     actions: ActionsConfig = ActionsConfig()

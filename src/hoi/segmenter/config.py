@@ -31,7 +31,10 @@ class SceneConfig(Settings):
         default=0.4, ge=0, le=1, description="main objects that are generated, where one can be"
     )
     outdoors_share: float = Field(default=0.25, ge=0, le=1)
-    clutter: tuple[int, int] = Field(default=(2, 9), description="other objects, from and below")
+    alike_share: float = Field(
+        default=0.5, ge=0, le=1, description="pictures whose things share a few tones"
+    )
+    clutter: tuple[int, int] = Field(default=(3, 12), description="other objects, from and below")
     jpeg_quality: int = Field(default=96, ge=30, le=100)
 
 

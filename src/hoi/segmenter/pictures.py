@@ -17,6 +17,7 @@ from hoi.datasets.behave_mini.render import RayScene, render
 from hoi.datasets.behave_mini.seeding import generator
 from hoi.segmenter.config import SceneConfig
 from hoi.segmenter.meshes import MeshStore
+from hoi.segmenter.photos import photographed
 from hoi.segmenter.scenes import Composer, Instance
 
 log = logging.getLogger(__name__)
@@ -68,6 +69,8 @@ def draw_picture(
         if (owner == 1).sum() < _MIN_PIXELS * (config.side / 512) ** 2:
             continue
         image = render(rays, hits, staged.camera, staged.wardrobe, _FAST, rng)
+        if composer.held_out:  # training does this to every crop anew
+            image = photographed(rng, image)
         kept = [item for item in staged.instances if (owner == item.number).any()]
         person = np.zeros((PERSON_SIDE, PERSON_SIDE), np.uint8)
         number = next((item.number for item in kept if item.kind == "person"), 0)

@@ -13,6 +13,7 @@ from hoi.datasets.behave_mini import textures
 from hoi.datasets.behave_mini.materials import Material, Scene, Surface
 from hoi.exemplars.library import Exemplar
 from hoi.segmenter.meshes import TexturedMesh
+from hoi.segmenter.photos import free_photos
 
 _FLAT = 0.0  # texture points of a mapped layer lie in one plane, which the renderer reads as u, v
 
@@ -79,6 +80,8 @@ class TextureBank:
     def __init__(self, seed: int, count: int = 70):
         rng = np.random.default_rng([seed, 1])
         self.pictures = [self._MAKERS[i % len(self._MAKERS)](rng) for i in range(count)]
+        self.photos = [squared(photo) for photo in free_photos()]
+        self.pictures += self.photos
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """One of them, in a colour of its own."""
@@ -90,6 +93,50 @@ class TextureBank:
         return picture
 
 
+class Looks:
+    """The materials of one scene.
+
+    Real rooms are not as colourful as chance: often the object, the furniture and the wall share
+    their tones. A scene with a palette draws most of its colours near a few tones, which is where
+    colour alone cannot tell an object from what is behind it.
+    """
+
+    def __init__(self, rng: np.random.Generator, scene: Scene, bank: TextureBank, alike: float):
+        self.scene, self.bank = scene, bank
+        count = int(rng.integers(1, 4)) if rng.random() < alike else 0
+        self.tones = [colour(rng) for _ in range(count)]
+
+    def colour(self, rng: np.random.Generator) -> np.ndarray:
+        """A linear reflectance (3,)."""
+        if self.tones and rng.random() < 0.8:
+            tone = self.tones[int(rng.integers(len(self.tones)))]
+            return np.clip(tone * rng.uniform(0.6, 1.6) + rng.normal(0, 0.015, 3), 0.004, 1)
+        return colour(rng)
+
+    def texture(self, rng: np.random.Generator) -> int:
+        """A texture of the bank, tinted where the scene has a palette; its number."""
+        picture = self.bank.draw(rng)
+        if self.tones and rng.random() < 0.8:
+            grey = picture.astype(np.float32).mean(2, keepdims=True) / max(picture.mean(), 1.0)
+            tone = 255 * self.colour(rng) ** (1 / 2.2)
+            picture = np.clip(grey * tone, 0, 255).astype(np.uint8)
+        return self.scene.texture(picture)
+
+    def material(self, rng: np.random.Generator, textured: float) -> int:
+        """A made-up material: plain, or with a texture projected onto it."""
+        gloss = float(rng.choice([0.0, 0.0, 0.15, 0.4, 0.7]))
+        shine = rng.uniform(12, 70)
+        if rng.random() >= textured:
+            tone = tuple(self.colour(rng))
+            return self.scene.material(Material(tone, gloss=gloss, shine=shine))
+        tint = (1.0, 1.0, 1.0) if rng.random() < 0.6 else tuple(0.4 + 0.6 * self.colour(rng))
+        picture = self.texture(rng)
+        folds = rng.uniform(0.1, 0.5) if rng.random() < 0.25 else 0.0
+        tile = rng.uniform(0.1, 1.0)
+        made = Material(tint, picture, tile, gloss=gloss, shine=shine, folds=folds)
+        return self.scene.material(made)
+
+
 def colour(rng: np.random.Generator) -> np.ndarray:
     """A linear reflectance: nearly grey about half of the time."""
     if rng.random() < 0.45:
@@ -99,27 +146,10 @@ def colour(rng: np.random.Generator) -> np.ndarray:
     return tone**2.2
 
 
-def material(rng: np.random.Generator, scene: Scene, bank: TextureBank, textured: float) -> int:
-    """A made-up material: plain, or with a texture projected onto it."""
-    gloss = float(rng.choice([0.0, 0.0, 0.15, 0.4, 0.7]))
-    shine = rng.uniform(12, 70)
-    if rng.random() >= textured:
-        return scene.material(Material(tuple(colour(rng)), gloss=gloss, shine=shine))
-    tint = (1.0, 1.0, 1.0) if rng.random() < 0.6 else tuple(0.4 + 0.6 * colour(rng))
-    picture = scene.texture(bank.draw(rng))
-    folds = rng.uniform(0.1, 0.5) if rng.random() < 0.25 else 0.0
-    tile = rng.uniform(0.1, 1.0)
-    return scene.material(Material(tint, picture, tile, gloss=gloss, shine=shine, folds=folds))
-
-
-def prop_of_exemplar(
-    rng: np.random.Generator, scene: Scene, bank: TextureBank, exemplar: Exemplar
-) -> Prop:
+def prop_of_exemplar(rng: np.random.Generator, looks: Looks, exemplar: Exemplar) -> Prop:
     """A generated object: one material a part, sometimes one for all."""
-    one = material(rng, scene, bank, 0.45) if rng.random() < 0.3 else None
-    parts = [
-        one if one is not None else material(rng, scene, bank, 0.4) for _ in exemplar.part_names
-    ]
+    one = looks.material(rng, 0.55) if rng.random() < 0.3 else None
+    parts = [one if one is not None else looks.material(rng, 0.5) for _ in exemplar.part_names]
     vertices = exemplar.vertices.astype(np.float64)
     layer = Layer(
         np.arange(len(vertices)), exemplar.faces, vertices, np.array(parts)[exemplar.face_parts]
@@ -127,9 +157,7 @@ def prop_of_exemplar(
     return Prop(exemplar.name, vertices, [layer])
 
 
-def prop_of_mesh(
-    rng: np.random.Generator, scene: Scene, bank: TextureBank, mesh: TexturedMesh
-) -> Prop:
+def prop_of_mesh(rng: np.random.Generator, looks: Looks, mesh: TexturedMesh) -> Prop:
     """A mesh as it is, repainted, or partly covered in other textures; people as they are."""
     repaint = rng.random()
     vertices = mesh.vertices.astype(np.float64)
@@ -145,16 +173,18 @@ def prop_of_mesh(
         texture = int(mesh.texture_of[index])
         if not mesh.person and (repaint < 0.2 or (repaint < 0.45 and rng.random() < 0.5)):
             projected[index] = True
-            numbers[index] = material(rng, scene, bank, 0.0 if repaint < 0.1 else 0.7)
+            numbers[index] = looks.material(rng, 0.0 if repaint < 0.1 else 0.7)
             continue
         gloss = float(mesh.glosses[index]) * 0.6
         if not mesh.person and rng.random() < 0.2:
             gloss = rng.uniform(0, 0.7)
         tone = mesh.colours[index] if texture < 0 else np.clip(mesh.colours[index] + 0.3, 0, 1)
+        if looks.tones and texture < 0 and not mesh.person:
+            tone = looks.colour(rng)
         if texture >= 0 and texture not in pictures:
-            pictures[texture] = scene.texture(_squared(mesh.textures[texture]))
+            pictures[texture] = looks.scene.texture(squared(mesh.textures[texture]))
         picture = pictures.get(texture, -1)
-        numbers[index] = scene.material(Material(tuple(tone), picture, 1.0, gloss, 30.0))
+        numbers[index] = looks.scene.material(Material(tuple(tone), picture, 1.0, gloss, 30.0))
     flat = ~mesh.mapped | projected[mesh.face_materials]
     layers = []
     if flat.any():
@@ -180,5 +210,6 @@ def _mapped_layer(mesh: TexturedMesh, chosen: np.ndarray, numbers: np.ndarray) -
     return Layer(corners[first], where.reshape(-1, 3), points, numbers[mesh.face_materials[chosen]])
 
 
-def _squared(picture: np.ndarray) -> np.ndarray:
+def squared(picture: np.ndarray) -> np.ndarray:
+    """A picture in the size that the renderer wants."""
     return cv2.resize(picture, (textures.SIZE, textures.SIZE), interpolation=cv2.INTER_LINEAR)

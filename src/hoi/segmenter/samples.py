@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,15 +17,10 @@ import numpy as np
 from hoi.datasets.behave_mini.seeding import generator
 from hoi.errors import AssetError
 from hoi.segmenter.crops import box_crop, crop_matrix, cropped, network_inputs, picture_crop
+from hoi.segmenter.photos import free_photos, photographed
 from hoi.segmenter.pictures import Picture, load_picture
 
 _CLUTTER_WEIGHT = 0.3  # of a thing that nobody uses, against the main object's 1
-#: photos under free licences that come with installed packages, as backgrounds
-_PHOTOS = {
-    "skimage": ("data/coffee.png", "data/chelsea.png", "data/rocket.jpg", "data/grass.png",
-                "data/gravel.png", "data/brick.png"),
-    "sklearn": ("datasets/images/china.jpg", "datasets/images/flower.jpg"),
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -166,41 +159,8 @@ def _person_prompt(
     return result
 
 
-def photographed(rng: np.random.Generator, crop: np.ndarray) -> np.ndarray:
-    """A crop as some camera would have taken it: tone, colour, sharpness, noise, compression."""
-    x = crop.astype(np.float32)
-    if rng.random() < 0.8:
-        x = 255 * np.clip(x / 255, 0, 1) ** np.float32(np.exp(rng.normal(0, 0.25)))
-    if rng.random() < 0.8:
-        mean = x.mean()
-        x = (x - mean) * np.float32(np.exp(rng.normal(0, 0.2))) + mean + rng.normal(0, 18)
-    if rng.random() < 0.5:
-        x = x * np.exp(rng.normal(0, 0.07, 3)).astype(np.float32)
-    if rng.random() < 0.6:
-        grey = x.mean(2, keepdims=True)
-        keep = rng.uniform(0.0, 0.3) if rng.random() < 0.15 else rng.uniform(0.3, 1.3)
-        x = grey + (x - grey) * np.float32(keep)
-    draw = rng.random()
-    if draw < 0.25:
-        x = cv2.GaussianBlur(x, (0, 0), rng.uniform(0.4, 1.8))
-    elif draw < 0.4:
-        size = x.shape[1::-1]
-        share = rng.uniform(0.35, 0.8)
-        small = cv2.resize(x, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
-        x = cv2.resize(small, size)
-    elif draw < 0.55:
-        x = x + rng.uniform(0.2, 0.8) * (x - cv2.GaussianBlur(x, (0, 0), 1.5))
-    if rng.random() < 0.5:
-        x = x + rng.standard_normal(x.shape, dtype=np.float32) * np.float32(rng.uniform(1, 14))
-    result = np.clip(x, 0, 255).astype(np.uint8)
-    if rng.random() < 0.5:
-        flag = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(25, 95))]
-        result = cv2.imdecode(cv2.imencode(".jpg", result, flag)[1], cv2.IMREAD_COLOR)
-    return result
-
-
 def _photo_crop(rng: np.random.Generator, side: int) -> np.ndarray:
-    photos = _photos()
+    photos = free_photos()
     if not photos:
         return np.full((side, side, 3), rng.uniform(0, 255, 3)).astype(np.float32)
     photo = photos[int(rng.integers(len(photos)))]
@@ -212,18 +172,3 @@ def _photo_crop(rng: np.random.Generator, side: int) -> np.ndarray:
     part = part[:, ::-1] if rng.random() < 0.5 else part
     tint = rng.uniform(0.5, 1.3) * np.exp(rng.normal(0, 0.1, 3))
     return np.clip(part * tint, 0, 255).astype(np.float32)
-
-
-@cache
-def _photos() -> list[np.ndarray]:
-    """Those that are installed, RGB."""
-    found = []
-    for package, names in _PHOTOS.items():
-        spec = find_spec(package)
-        if spec is None or spec.origin is None:
-            continue
-        for name in names:
-            picture = cv2.imread(str(Path(spec.origin).parent / name))
-            if picture is not None:
-                found.append(picture[..., ::-1].copy())
-    return found

@@ -24,7 +24,7 @@ from hoi.datasets.behave_mini.wardrobe import Wardrobe, dress
 from hoi.exemplars.procedural import generate
 from hoi.segmenter.config import SceneConfig
 from hoi.segmenter.meshes import MeshEntry, MeshStore
-from hoi.segmenter.props import Layer, Prop, TextureBank, material, prop_of_exemplar, prop_of_mesh
+from hoi.segmenter.props import Layer, Looks, Prop, TextureBank, prop_of_exemplar, prop_of_mesh
 
 _SEATS = r"chair|stool|bench|sofa|couch|seat"
 _TABLES = r"table|desk"
@@ -115,19 +115,20 @@ class Composer:
     def __call__(self, rng: np.random.Generator) -> Staged | None:
         """A scene; None where the draw came to nothing sensible and another is needed."""
         scene = Scene()
+        looks = Looks(rng, scene, self.bank, self.config.alike_share)
         use = str(rng.choice(_USES, p=_SHARES))
-        main = self._main(rng, scene, use)
+        main = self._main(rng, looks, use)
         main.turn(_turn_y(rng.uniform(0, 2 * np.pi)))
         main.stand()
         main.move([-main.middle[0], 0, -main.middle[2]])
         figure, wardrobe = None, None
         if rng.random() < self.config.person_share:
-            figure, wardrobe = self._person(rng, scene, use, main)
+            figure, wardrobe = self._person(rng, looks, use, main)
         items: list[tuple[str, Prop]] = [("main", main)]
         if figure is not None:
             items.append(("person", figure.prop))
-        clutter = self._clutter(rng, scene, main, items)
-        bystanders = self._bystanders(rng, scene, items)
+        clutter = self._clutter(rng, looks, main, items)
+        bystanders = self._bystanders(rng, looks, items)
         camera = self._camera(rng, main, items)
         items += [
             item for item in clutter + bystanders if _out_of_the_way(rng, item[1], camera, main)
@@ -141,30 +142,30 @@ class Composer:
             owner += [number] * len(shown)
             instances.append(Instance(number, kind, prop.name))
         if rng.random() < self.config.outdoors_share:
-            self._outdoors(rng, scene, camera, main)
+            self._outdoors(rng, looks, camera, main)
         else:
             around = np.concatenate([prop.vertices[::7] for _, prop in items])
             near = np.linalg.norm(around - main.middle, axis=1) < 3.0
             build_room(rng, rng, scene, camera, around[near] if near.any() else around)
-            self._repaint_room(rng, scene, len(owner))
+            self._repaint_room(rng, looks, len(owner))
         owner += [0] * (len(scene.surfaces) - len(owner))
         return Staged(scene, camera, wardrobe, np.array(owner), instances)
 
     # ------------------------------------------------------------------------------ objects
 
-    def _main(self, rng: np.random.Generator, scene: Scene, use: str) -> Prop:
+    def _main(self, rng: np.random.Generator, looks: Looks, use: str) -> Prop:
         if use in _GENERATED and rng.random() < self.config.generated_share:
-            return self._generated(rng, scene, str(rng.choice(_GENERATED[use])))
+            return self._generated(rng, looks, str(rng.choice(_GENERATED[use])))
         patterns = {"seat": _SEATS, "ride": _RIDES}
         if use == "stand" and rng.random() < 0.6:
             patterns["stand"] = _TABLES
         if use == "hold" and rng.random() < 0.4:
             patterns["hold"] = _BAGS
         limits = {"stand": (0.35, 2.4), "hold": (0.07, 0.8)}.get(use, (0.07, 2.6))
-        return self._listed(rng, scene, patterns.get(use, ""), limits)
+        return self._listed(rng, looks, patterns.get(use, ""), limits)
 
     def _listed(
-        self, rng: np.random.Generator, scene: Scene, pattern: str, limits: tuple[float, float]
+        self, rng: np.random.Generator, looks: Looks, pattern: str, limits: tuple[float, float]
     ) -> Prop:
         """A mesh whose title and size fit; of any title where none does."""
         low, high = limits
@@ -172,22 +173,22 @@ class Composer:
         named = [entry for entry in fitting if re.search(pattern, entry.title, re.IGNORECASE)]
         choice = named or fitting or self.things
         mesh = self.store.load(choice[int(rng.integers(len(choice)))])
-        return prop_of_mesh(rng, scene, self.bank, mesh)
+        return prop_of_mesh(rng, looks, mesh)
 
-    def _generated(self, rng: np.random.Generator, scene: Scene, category: str) -> Prop:
+    def _generated(self, rng: np.random.Generator, looks: Looks, category: str) -> Prop:
         if category == "box":
-            return self._carton(rng, scene)
+            return self._carton(rng, looks)
         number = int(rng.integers(_HELD_OUT_SEEDS)) + self.held_out * _HELD_OUT_SEEDS
         large = category == "large_ball"
         exemplar = generate("ball" if large else category, number)
-        prop = prop_of_exemplar(rng, scene, self.bank, exemplar)
+        prop = prop_of_exemplar(rng, looks, exemplar)
         stretch = rng.uniform(0.85, 1.15, 3)
         if "ball" in category:
             stretch = np.full(3, rng.uniform(0.22, 0.37) / prop.size[0] * 2 if large else 1.0)
         prop.vertices = prop.vertices * stretch
         return prop
 
-    def _carton(self, rng: np.random.Generator, scene: Scene) -> Prop:
+    def _carton(self, rng: np.random.Generator, looks: Looks) -> Prop:
         """A box, which may have flaps, tape or a label of another colour."""
         size = rng.uniform(0.12, 0.6) * rng.uniform(0.45, 1.0, 3)
         half = size / 2
@@ -198,13 +199,13 @@ class Composer:
             [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
              [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
         )  # fmt: skip
-        body = material(rng, scene, self.bank, 0.4)
+        body = looks.material(rng, 0.4)
         if rng.random() < 0.5:  # cardboard
             tone = (textures.hsv(rng, (0.05, 0.12), (0.2, 0.55), (0.4, 0.85)) / 255) ** 2.2
-            body = scene.material(Material(tuple(tone)))
+            body = looks.scene.material(Material(tuple(tone)))
         numbers = np.full(12, body)
         if rng.random() < 0.6:
-            numbers[6:8] = material(rng, scene, self.bank, 0.3)
+            numbers[6:8] = looks.material(rng, 0.3)
         layers = [Layer(np.arange(8), faces, corners, numbers)]
         vertices = corners
         if rng.random() < 0.5:  # a strip of tape or a label, just above a side
@@ -215,18 +216,18 @@ class Composer:
             label[:, across[1]] = np.array([-1, -1, 1, 1]) * half[across[1]] * strip
             label[:, up] = (half[up] + 0.002) * rng.choice([-1, 1])
             vertices = np.vstack([corners, label])
-            paper = material(rng, scene, self.bank, 0.5)
+            paper = looks.material(rng, 0.5)
             layers.append(Layer(np.arange(8, 12), np.array([[0, 1, 2], [0, 2, 3]]), label,
                                 np.full(2, paper)))  # fmt: skip
         return Prop("box", vertices, layers)
 
-    def _clutter(self, rng, scene: Scene, main: Prop, items) -> list[tuple[str, Prop]]:
+    def _clutter(self, rng, looks: Looks, main: Prop, items) -> list[tuple[str, Prop]]:
         """Things around the pair, and things that lie on the main object."""
         points = np.concatenate([prop.vertices for _, prop in items])
         middle = (points.min(0) + points.max(0)) / 2
         found = []
         for _ in range(int(rng.integers(*self.config.clutter))):
-            prop = self._some_thing(rng, scene, (0.07, 2.4))
+            prop = self._some_thing(rng, looks, (0.07, 2.4))
             prop.turn(_turn_y(rng.uniform(0, 2 * np.pi)))
             prop.stand()
             reach, angle = rng.uniform(0.4, 3.0), rng.uniform(0, 2 * np.pi)
@@ -236,7 +237,7 @@ class Composer:
             found.append(("clutter", prop))
         if rng.random() < 0.3:
             for _ in range(int(rng.integers(1, 4))):
-                prop = self._some_thing(rng, scene, (0.07, 0.5))
+                prop = self._some_thing(rng, looks, (0.07, 0.5))
                 prop.turn(_turn_y(rng.uniform(0, 2 * np.pi)))
                 prop.stand()
                 spot = main.middle + rng.normal(0, 0.22, 3) * main.size
@@ -244,24 +245,24 @@ class Composer:
                 found.append(("clutter", prop))
         return found
 
-    def _some_thing(self, rng, scene: Scene, limits: tuple[float, float]) -> Prop:
+    def _some_thing(self, rng, looks: Looks, limits: tuple[float, float]) -> Prop:
         if rng.random() < 0.2:
-            return self._generated(rng, scene, str(rng.choice(_GENERATED["hold"])))
-        return self._listed(rng, scene, "", limits)
+            return self._generated(rng, looks, str(rng.choice(_GENERATED["hold"])))
+        return self._listed(rng, looks, "", limits)
 
     # ------------------------------------------------------------------------------- people
 
     def _person(
-        self, rng: np.random.Generator, scene: Scene, use: str, main: Prop
+        self, rng: np.random.Generator, looks: Looks, use: str, main: Prop
     ) -> tuple[_Figure, Wardrobe | None]:
         """A person who uses the main object, which is moved to the hands where it is held."""
         seated = use == "seat" and rng.random() < 0.55
         facing = rng.uniform(0, 2 * np.pi)
         scanned = self.people and rng.random() < self.config.scanned_share
         if scanned:
-            figure, wardrobe = self._scanned(rng, scene, seated, facing), None
+            figure, wardrobe = self._scanned(rng, looks, seated, facing), None
         else:
-            figure, wardrobe = self._posed(rng, scene, seated or rng.random() < 0.1, facing)
+            figure, wardrobe = self._posed(rng, looks, seated or rng.random() < 0.1, facing)
         figure.prop.stand()
         if seated:
             level = _seat_level(main)
@@ -278,15 +279,15 @@ class Composer:
             _stand_beside(rng, figure, main)
         return figure, wardrobe
 
-    def _scanned(self, rng, scene: Scene, seated: bool, facing: float) -> _Figure:
+    def _scanned(self, rng, looks: Looks, seated: bool, facing: float) -> _Figure:
         sitting = [entry for entry in self.people if "sit" in entry.title.lower()]
         choice = sitting if seated and sitting else self.people
         mesh = self.store.load(choice[int(rng.integers(len(choice)))])
-        prop = prop_of_mesh(rng, scene, self.bank, mesh)
+        prop = prop_of_mesh(rng, looks, mesh)
         prop.turn(_turn_y(facing))
         return _Figure(prop, False, [], None, np.array([np.sin(facing), 0, np.cos(facing)]))
 
-    def _posed(self, rng, scene: Scene, seated: bool, facing: float) -> tuple[_Figure, Wardrobe]:
+    def _posed(self, rng, looks: Looks, seated: bool, facing: float) -> tuple[_Figure, Wardrobe]:
         """Our own body in a pose of the database, dressed."""
         betas = np.clip(rng.normal(0, 0.9, self.model.num_betas), -2.2, 2.2).astype(np.float32)
         person = Person(self.model, betas)
@@ -300,7 +301,7 @@ class Composer:
         vertices, joints = person.skin(Pose(np.zeros(3), pose))
         drop = np.array([0, vertices[:, 1].min(), 0])
         vertices, joints = vertices - drop, joints - drop
-        wardrobe = dress(rng, person, scene)
+        wardrobe = dress(rng, person, looks.scene)
         faces = person.faces
         layer = Layer(
             np.arange(len(vertices)), faces, person.rest_vertices,
@@ -334,14 +335,14 @@ class Composer:
         if below < 0:
             main.move([0, -below, 0])
 
-    def _bystanders(self, rng, scene: Scene, items) -> list[tuple[str, Prop]]:
+    def _bystanders(self, rng, looks: Looks, items) -> list[tuple[str, Prop]]:
         found: list[tuple[str, Prop]] = []
         if not self.people:
             return found
         middle = items[0][1].middle
         for _ in range(int(rng.random() < 0.3) + int(rng.random() < 0.15)):
             angle, reach = rng.uniform(0, 2 * np.pi), rng.uniform(1.0, 4.0)
-            figure = self._scanned(rng, scene, False, rng.uniform(0, 2 * np.pi))
+            figure = self._scanned(rng, looks, False, rng.uniform(0, 2 * np.pi))
             figure.prop.stand()
             offset = np.array([reach * np.cos(angle), 0, reach * np.sin(angle)])
             figure.prop.move((middle - figure.prop.middle) * [1, 0, 1] + offset)
@@ -379,12 +380,15 @@ class Composer:
         rotation = np.stack([right, np.cross(forward, right), forward])
         return Camera(rotation, position, intrinsics, side, side)
 
-    def _outdoors(self, rng: np.random.Generator, scene: Scene, camera: Camera, main: Prop) -> None:
+    def _outdoors(self, rng: np.random.Generator, looks: Looks, camera: Camera, main: Prop) -> None:
         """Open ground under a bright sky, with a backdrop of houses and greenery."""
-        ground = material(rng, scene, self.bank, 0.85)
+        scene = looks.scene
+        ground = looks.material(rng, 0.85)
         scene.box("room", (60, 0.1, 60), (0, -0.0505, 0), ground)
         for turn in np.arange(4) * np.pi / 2:
-            picture = textures.outdoors(rng) if rng.random() < 0.7 else textures.painting(rng)
+            picture = textures.outdoors(rng) if rng.random() < 0.5 else textures.painting(rng)
+            if self.bank.photos and rng.random() < 0.5:
+                picture = self.bank.photos[int(rng.integers(len(self.bank.photos)))]
             glow = rng.uniform(0.5, 1.0)
             panel = scene.material(Material((0.3,) * 3, scene.texture(picture), 1.0, glow=glow))
             inward = np.array([np.sin(turn), 0, np.cos(turn)])
@@ -397,7 +401,7 @@ class Composer:
             size = rng.uniform([0.5, 0.6, 0.5], [5, 5, 5])
             spot = np.array([reach * np.cos(bearing), size[1] / 2, reach * np.sin(bearing)])
             if np.linalg.norm((spot - camera.position)[[0, 2]]) > 4:
-                scene.box("room", size, spot, material(rng, scene, self.bank, 0.7))
+                scene.box("room", size, spot, looks.material(rng, 0.7))
         high = rng.normal(0, 1, 3)
         high[1] = abs(high[1]) + 0.6
         scene.light = main.middle + high / np.linalg.norm(high) * 15
@@ -406,15 +410,17 @@ class Composer:
         scene.key = np.array([1.0, rng.uniform(0.92, 1.0), rng.uniform(0.8, 1.0)]) * bright
         scene.ambient = np.array([0.9, 0.95, 1.0]) * rng.uniform(0.5, 0.9)
 
-    def _repaint_room(self, rng: np.random.Generator, scene: Scene, first: int) -> None:
-        """Give some walls and the floor bolder looks than a lived-in room has."""
-        if rng.random() < 0.35:
-            number = material(rng, scene, self.bank, 0.8)
-            chosen = [0] if rng.random() < 0.5 else range(2, 10)  # the floor, or the walls
-            rooms = scene.surfaces[first:]
-            for index in chosen:
-                if index < len(rooms):
-                    rooms[index].face_materials[:] = number
+    def _repaint_room(self, rng: np.random.Generator, looks: Looks, first: int) -> None:
+        """Give floor or walls other looks than a showroom's, and often less light."""
+        rooms = looks.scene.surfaces[first:]
+        for chosen, likely in ((range(1), 0.35), (range(2, 10), 0.45)):  # the floor, the walls
+            if rng.random() < likely:
+                number = looks.material(rng, 0.8)
+                for index in chosen:
+                    if index < len(rooms):
+                        rooms[index].face_materials[:] = number
+        if rng.random() < 0.5:
+            looks.scene.ambient = looks.scene.ambient * rng.uniform(0.35, 0.9)
 
 
 def _usable(entry: MeshEntry) -> bool:

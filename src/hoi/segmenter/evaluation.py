@@ -1,0 +1,153 @@
+"""How good the masks are on renders that training never saw, beside GrabCut, from detected boxes.
+
+The main object of every validation picture is segmented from the box that the detector finds for
+it (of any class: choosing the class is another part's work). Pictures in which it finds none are
+counted, and their masks are made from the true box in rows of their own.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from hoi.detect.backends import Box, PersonPose
+from hoi.detect.blazepose import BlazePose
+from hoi.detect.boxes import longer_side, mask_box, overlap, pixel_window
+from hoi.detect.config import DetectConfig
+from hoi.detect.grabcut import GrabCut
+from hoi.detect.labels import PERSON
+from hoi.detect.nanodet import NanoDet
+from hoi.detect.segmenter import Segmenter, refined
+from hoi.segmenter.pictures import Picture, load_picture
+from hoi.segmenter.runtime import MaskNetwork
+
+log = logging.getLogger(__name__)
+METHODS = ("grabcut", "network", "network_grabcut", "shipped")
+
+
+def mask_iou(first: np.ndarray, second: np.ndarray) -> float:
+    """Intersection over union of two (H, W) bool masks."""
+    return float((first & second).sum() / max((first | second).sum(), 1))
+
+
+class Evaluator:
+    """Segments the main object of pictures by every method.
+
+    Args:
+        weights: the network's file.
+        models_dir: the detectors' files.
+        minimum_overlap: IoU from which a detector's box counts as the object's.
+        config: of the detect stage.
+    """
+
+    def __init__(
+        self,
+        weights: Path,
+        models_dir: Path,
+        minimum_overlap: float,
+        config: DetectConfig | None = None,
+    ):
+        self.config = config or DetectConfig()
+        self.minimum_overlap = minimum_overlap
+        self._boxes = NanoDet(self.config.nanodet, models_dir)
+        self._pose = BlazePose(self.config.blazepose, models_dir)
+        self._colours = GrabCut(self.config.grabcut, self.config.blazepose.visible)
+        self._network = MaskNetwork(weights)
+        self._shipped = Segmenter(self.config.segmenter, self._network, self._colours)
+
+    def measure(self, image: np.ndarray, truth: np.ndarray, person: np.ndarray) -> dict:
+        """IoU of every method in one picture, with the box that they started from.
+
+        Args:
+            image: (H, W, 3) uint8 RGB; truth, person: (H, W) bool masks, `person` possibly empty.
+        """
+        seen = self._detect(image, mask_box(person) if person.any() else None)
+        pose = self._person(image, person, seen)
+        true = mask_box(truth)
+        found = [item for item in seen if item[0] != PERSON]
+        best = max(found, key=lambda item: overlap(item[2], true), default=None)
+        detected = best is not None and overlap(best[2], true) >= self.minimum_overlap
+        box = best[2] if detected and best is not None else true
+        row = {"box": "detected" if detected else "true"}
+        row |= {name: mask_iou(mask, truth) for name, mask in self._masks(image, box, pose).items()}
+        return row
+
+    def _masks(self, image: np.ndarray, box: Box, pose: PersonPose) -> dict[str, np.ndarray]:
+        settings = self.config.segmenter
+        probability = self._network(image, box, pose.probability, settings.margin)
+        return {
+            "grabcut": self._colours(image, box, pose, 0)[0],
+            "network": probability > settings.threshold,
+            "network_grabcut": refined(image, box, probability, settings, 0),
+            "shipped": self._shipped(image, box, pose, 0)[0],
+        }
+
+    def _detect(self, image: np.ndarray, person: Box | None) -> list[tuple[str, float, Box]]:
+        """Label, score and box of everything in the picture and in the person's surroundings."""
+        seen = [(item.label, item.score, item.box) for item in self._boxes(image)]
+        if person is not None:
+            x, y = (person[0] + person[2]) / 2, (person[1] + person[3]) / 2
+            half = self.config.nanodet.crop_margin * longer_side(person) / 2
+            rows, columns = pixel_window((x - half, y - half, x + half, y + half), *image.shape[:2])
+            left, top = columns.start, rows.start
+            for item in self._boxes(np.ascontiguousarray(image[rows, columns])):
+                x0, y0, x1, y1 = item.box
+                box = (x0 + left, y0 + top, x1 + left, y1 + top)
+                seen.append((item.label, item.score, box))
+        return seen
+
+    def _person(self, image: np.ndarray, person: np.ndarray, seen: list) -> PersonPose:
+        shape = image.shape[:2]
+        nobody = np.zeros((21, 3), np.float32)
+        empty = PersonPose(nobody, nobody, np.zeros(shape, np.float32), 0.0)
+        if not person.any():
+            return empty
+        true = mask_box(person)
+        people = [item[2] for item in seen if item[0] == PERSON]
+        best = max(people, key=lambda box: overlap(box, true), default=true)
+        box = best if overlap(best, true) >= self.minimum_overlap else true
+        side = float(max(shape))
+        intrinsics = np.array([[side, 0, shape[1] / 2], [0, side, shape[0] / 2], [0, 0, 1.0]])
+        return self._pose(image, box, intrinsics) or empty
+
+
+def evaluate(files: Iterable[Path], evaluator: Evaluator) -> pd.DataFrame:
+    """One row a picture: its name, the object's title, and :meth:`Evaluator.measure`."""
+    rows = []
+    for file in files:
+        picture = load_picture(file)
+        rows.append({"picture": file.stem, "object": picture.instances[0].name})
+        rows[-1] |= evaluator.measure(picture.image, *_masks_of(picture))
+        log.info("%s", rows[-1])
+    return pd.DataFrame(rows)
+
+
+def _masks_of(picture: Picture) -> tuple[np.ndarray, np.ndarray]:
+    person = picture.number_of("person")
+    owner = picture.owner
+    nobody = np.zeros(owner.shape, bool)
+    return owner == picture.number_of("main"), owner == person if person else nobody
+
+
+def summary(rows: pd.DataFrame) -> pd.DataFrame:
+    """Mean and median IoU, and the share over one half, of every method by kind of box."""
+    parts = []
+    for box in ("detected", "true", "all"):
+        chosen = rows if box == "all" else rows[rows["box"] == box]
+        for method in METHODS:
+            values = chosen[method].to_numpy(float)
+            parts.append(
+                {
+                    "box": box,
+                    "method": method,
+                    "n": len(values),
+                    "mean_iou": values.mean() if len(values) else np.nan,
+                    "median_iou": np.median(values) if len(values) else np.nan,
+                    "over_half": (values > 0.5).mean() if len(values) else np.nan,
+                }
+            )
+    return pd.DataFrame(parts)
