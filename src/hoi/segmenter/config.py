@@ -35,6 +35,7 @@ class SceneConfig(Settings):
         default=0.5, ge=0, le=1, description="pictures whose things share a few tones"
     )
     clutter: tuple[int, int] = Field(default=(3, 12), description="other objects, from and below")
+    textures: PositiveInt = Field(default=70, description="procedural ones to draw from")
     jpeg_quality: int = Field(default=96, ge=30, le=100)
 
 

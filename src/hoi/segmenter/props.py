@@ -77,7 +77,7 @@ class TextureBank:
         textures.painting, textures.books, textures.planks, textures.bricks,
     )  # fmt: skip
 
-    def __init__(self, seed: int, count: int = 70):
+    def __init__(self, seed: int, count: int):
         rng = np.random.default_rng([seed, 1])
         self.pictures = [self._MAKERS[i % len(self._MAKERS)](rng) for i in range(count)]
         self.photos = [squared(photo) for photo in free_photos()]

@@ -98,7 +98,7 @@ class Composer:
     ):
         self.config, self.store, self.held_out = config, store, held_out
         self.model = BodyModel.load(body_model)
-        self.bank = TextureBank(seed + held_out)
+        self.bank = TextureBank(seed + held_out, config.textures)
         entries = store.split(held_out)
         self.people = [e for e in entries if e.person and "lying" not in e.title.lower()]
         self.things = [entry for entry in entries if not entry.person and _usable(entry)]

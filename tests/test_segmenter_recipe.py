@@ -1,0 +1,305 @@
+"""The segmenter's recipe on a few made-up meshes: it runs, resumes, and what it makes works."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+import yaml
+
+from hoi.errors import AssetError
+from hoi.segmenter.config import SceneConfig, TrainConfig
+from hoi.segmenter.crops import SIDE
+from hoi.segmenter.evaluation import METHODS, summary
+from hoi.segmenter.export import write_weights
+from hoi.segmenter.meshes import MeshStore, build_store, fetch_packs
+from hoi.segmenter.network import SegmentationNetwork, load_backbone
+from hoi.segmenter.pictures import (
+    POSE_DATABASE,
+    draw_picture,
+    load_picture,
+    picture_names,
+    save_picture,
+)
+from hoi.segmenter.runtime import MaskNetwork
+from hoi.segmenter.samples import SampleSet
+from hoi.segmenter.scenes import Composer
+from hoi.segmenter.training import mask_loss, phases, train
+from segmenter_packs import write_packs
+
+REPO = Path(__file__).parents[1]
+BODY = REPO / "src/hoi/data/body/neutral.npz"
+SCENES = SceneConfig(scenes=3, validation=1, side=96, textures=4, held_out_share=0.4)
+TRAIN = TrainConfig(
+    decoder_steps=3, whole_steps=2, batch=2, side=64, late_side=96, save_every=2, workers=1
+)
+
+
+@pytest.fixture(scope="module")
+def meshes(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("segmenter")
+    count = build_store(write_packs(folder / "packs"), folder / "meshes", SCENES.held_out_share)
+    store = MeshStore(folder / "meshes")
+    assert len(store.entries) == count
+    return store
+
+
+def half_a_person(image, box):
+    """Stands for the pose model."""
+    probability = np.zeros(image.shape[:2], np.float32)
+    x0, y0, x1, y1 = (int(max(edge, 0)) for edge in box)
+    probability[y0:y1, x0 : (x0 + x1) // 2] = 1
+    return probability
+
+
+@pytest.fixture(scope="module")
+def composer(meshes):
+    return Composer(SCENES, meshes, False, BODY, POSE_DATABASE, seed=1)
+
+
+@pytest.fixture(scope="module")
+def pictures(composer, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pictures")
+    files = []
+    for name in picture_names(SCENES, "train"):
+        files.append(folder / f"{name}.npz")
+        save_picture(draw_picture(composer, SCENES, 1, name, half_a_person), files[-1], 95)
+    return files
+
+
+@pytest.fixture(scope="module")
+def samples(pictures):
+    return SampleSet(pictures)
+
+
+@pytest.fixture(scope="module")
+def untrained(tmp_path_factory):
+    """A checkpoint to start from, in place of the detector's weights."""
+    torch.manual_seed(0)
+    path = tmp_path_factory.mktemp("start") / "untrained.pt"
+    torch.save(SegmentationNetwork().state_dict(), path)
+    return path
+
+
+# ----------------------------------------------------------------------------------- meshes
+
+
+def test_meshes_keep_textures_sizes_and_lose_their_glass(meshes):
+    entry = next(item for item in meshes.entries if item.name == "Scopia_2")
+    mesh = meshes.load(entry)
+    np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), (0.5, 0.56, 0.45), atol=1e-6)
+    assert mesh.vertices[:, 1].min() == pytest.approx(0, abs=1e-6)
+    assert len(mesh.faces) == 10  # six sides less one of glass
+    painted = mesh.texture_of[mesh.face_materials] >= 0
+    assert painted.sum() == 6 and (~mesh.mapped).sum() == 2
+    assert len(mesh.textures) == 1 and mesh.textures[0].shape == (32, 40, 3)
+
+
+def test_what_the_embedded_data_set_shows_is_never_learned_from(tmp_path):
+    from hoi.exemplars.furniture import furniture_models
+
+    shown = {(m.pack, m.index) for m in furniture_models() if m.role == "ground_truth"}
+    packs = write_packs(tmp_path / "packs", entries=32)
+    build_store(packs, tmp_path / "meshes", 0.1)
+    names = {entry.name for entry in MeshStore(tmp_path / "meshes").entries}
+    assert ("BlendSwap-CC-0", 31) in shown and "BlendSwap-CC-0_31" not in names
+    assert not names & {f"{pack}_{index}" for pack, index in shown}
+    assert "BlendSwap-CC-0_30" in names
+
+
+def test_validation_has_meshes_of_its_own(meshes):
+    ours, theirs = ({e.name for e in meshes.split(held)} for held in (False, True))
+    assert ours and theirs and not ours & theirs
+
+
+def test_a_folder_without_meshes_or_packages_is_named(tmp_path):
+    with pytest.raises(AssetError, match="holds no meshes"):
+        MeshStore(tmp_path)
+    (tmp_path / "sweethome3d-furniture_1_all.deb").write_bytes(b"not a package")
+    with pytest.raises(AssetError, match="no Debian package"):
+        fetch_packs(tmp_path)
+
+
+# --------------------------------------------------------------------------------- pictures
+
+
+def test_a_picture_is_the_same_alone_and_comes_back_from_its_file(composer, pictures, tmp_path):
+    again = draw_picture(composer, SCENES, 1, "train-00001", half_a_person)
+    stored = load_picture(pictures[1])
+    np.testing.assert_array_equal(again.owner, stored.owner)
+    save_picture(again, tmp_path / "again.npz", 95)
+    np.testing.assert_array_equal(load_picture(tmp_path / "again.npz").image, stored.image)
+    assert again.instances == stored.instances
+    other = draw_picture(composer, SCENES, 2, "train-00001", half_a_person)
+    assert (other.owner != again.owner).any()
+
+
+def test_pictures_show_their_main_object_and_name_all_that_they_show(pictures):
+    for file in pictures:
+        picture = load_picture(file)
+        numbers = {item.number for item in picture.instances}
+        assert picture.number_of("main") == 1 and (picture.owner == 1).sum() > 8
+        assert set(np.unique(picture.owner)) - {0} == numbers
+
+
+# ---------------------------------------------------------------------------------- samples
+
+
+def test_crops_depend_on_seed_and_step_alone(samples, pictures):
+    first = samples.batch(3, 7, 4, 64)
+    second = SampleSet(pictures).batch(3, 7, 4, 64)
+    for one, other in zip(first, second, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert (samples.batch(3, 8, 4, 64).picture != first.picture).any()
+
+
+def test_a_target_lies_in_its_box(samples):
+    batch = samples.batch(0, 0, 16, 64)
+    assert batch.picture.shape == (16, 3, 64, 64) and batch.target.shape == (16, 1, 32, 32)
+    assert batch.target.min() >= 0 and batch.target.max() <= 1
+    boxes = batch.prompt[:, :1].reshape(16, 1, 32, 2, 32, 2).mean((3, 5))
+    inside = (batch.target * boxes).sum((1, 2, 3)) / batch.target.sum((1, 2, 3))
+    assert np.median(inside) > 0.85
+
+
+def test_no_pictures_nothing_to_learn():
+    with pytest.raises(AssetError, match="learn"):
+        SampleSet([])
+
+
+# --------------------------------------------------------------------------------- training
+
+
+def weights(network):
+    return {name: value.clone() for name, value in network.state_dict().items()}
+
+
+def test_an_interrupted_training_ends_as_one_that_was_not(samples, untrained, tmp_path):
+    config = TRAIN.model_copy(update={"init": str(untrained)})
+    nowhere = tmp_path / "nanodet.onnx"
+    whole = weights(train(samples, config, 5, nowhere, tmp_path / "whole.pt"))
+    for _ in range(2):  # leaves off inside each phase
+        train(samples, config, 5, nowhere, tmp_path / "parts.pt", stop_after=2)
+    parts = weights(train(samples, config, 5, nowhere, tmp_path / "parts.pt"))
+    assert all(torch.equal(whole[name], parts[name]) for name in whole)
+    finished = weights(train(samples, config, 5, nowhere, tmp_path / "parts.pt"))
+    assert all(torch.equal(whole[name], finished[name]) for name in whole)
+    started = weights(train(samples, config, 6, nowhere, tmp_path / "parts.pt"))  # another seed
+    assert any(not torch.equal(whole[name], started[name]) for name in whole)
+
+
+def test_each_phase_trains_what_it_says(samples, untrained, tmp_path):
+    start = torch.load(untrained, weights_only=True)
+    decoder = {"init": str(untrained), "whole_steps": 0}
+    trained = train(samples, TRAIN.model_copy(update=decoder), 0, tmp_path, tmp_path / "a.pt")
+    changed = {name for name, value in weights(trained).items() if not value.equal(start[name])}
+    assert changed and not any(name.startswith("backbone.") for name in changed)
+    both = {"init": str(untrained), "decoder_steps": 0}
+    trained = train(samples, TRAIN.model_copy(update=both), 0, tmp_path, tmp_path / "b.pt")
+    changed = {name for name, value in weights(trained).items() if not value.equal(start[name])}
+    assert "backbone.convs.11.weight" in changed and "backbone.convs.2.weight" not in changed
+    assert [phase.name for phase in phases(TRAIN)] == ["decoder", "whole"]
+
+
+def test_training_learns_what_it_sees(samples, untrained, tmp_path):
+    config = TrainConfig(
+        init=str(untrained), decoder_steps=40, whole_steps=0, batch=8, side=64, late_side=64,
+        averaging=0.8, warmup=5, workers=0,
+    )  # fmt: skip
+    trained = train(samples, config, 0, tmp_path, tmp_path / "learned.pt")
+    fresh = SegmentationNetwork()
+    fresh.load_state_dict(torch.load(untrained, weights_only=True))
+    batch = [torch.from_numpy(part) for part in samples.batch(99, 0, 16, 64)]
+    with torch.no_grad():
+        before, after = (
+            float(mask_loss(n.eval()(batch[0], batch[1])[0], batch[2])) for n in (fresh, trained)
+        )
+    assert after < 0.75 * before
+
+
+def test_a_file_that_is_no_detector_is_named(tmp_path):
+    (tmp_path / "nanodet.onnx").write_bytes(b"")
+    with pytest.raises(AssetError, match=r"nanodet\.onnx"):
+        load_backbone(tmp_path / "nanodet.onnx")
+
+
+# ----------------------------------------------------------------------- export, evaluation
+
+
+def test_opencv_computes_what_torch_does(untrained, tmp_path):
+    network = SegmentationNetwork()
+    network.load_state_dict(torch.load(untrained, weights_only=True))
+    for module in network.modules():  # as after training, when they mean something
+        if isinstance(module, torch.nn.BatchNorm2d):
+            torch.nn.init.uniform_(module.running_mean, -0.2, 0.2)
+            torch.nn.init.uniform_(module.running_var, 0.5, 2.0)
+    write_weights(network, tmp_path / "weights.onnx.gz")
+    picture, prompt = torch.randn(1, 3, SIDE, SIDE), torch.rand(1, 2, SIDE, SIDE)
+    with torch.no_grad():
+        expected = network.eval()(picture, prompt)[0].numpy()
+    net = MaskNetwork(tmp_path / "weights.onnx.gz")._net
+    net.setInput(picture.numpy(), "picture")
+    net.setInput(prompt.numpy(), "prompt")
+    np.testing.assert_allclose(net.forward().reshape(expected.shape), expected, atol=5e-3)
+
+
+def test_the_summary_tells_detected_boxes_from_true_ones():
+    rows = pd.DataFrame({"box": ["detected", "detected", "true"]})
+    for number, method in enumerate(METHODS):
+        rows[method] = [0.4 + 0.1 * number, 0.6 + 0.1 * number, 0.1]
+    table = summary(rows).set_index(["box", "method"])
+    assert table.loc[("detected", "network"), "mean_iou"] == pytest.approx(0.6)
+    assert table.loc[("true", "network"), "n"] == 1
+    assert table.loc[("all", "grabcut"), "over_half"] == pytest.approx(1 / 3)
+
+
+# ---------------------------------------------------------------------------- the workflow
+
+
+@pytest.mark.slow
+@pytest.mark.models
+def test_one_command_makes_weights_and_their_table_and_then_has_nothing_to_do(tmp_path):
+    for name in ("Snakefile", "workflow", "config", "profiles", "src"):
+        source = REPO / name
+        copy = shutil.copytree if source.is_dir() else shutil.copy
+        copy(source, tmp_path / name)
+    if (REPO / "resources/models").is_dir():
+        shutil.copytree(REPO / "resources/models", tmp_path / "resources/models")
+    tiny = {
+        "segmenter": {
+            "packs": str(write_packs(tmp_path / "packs")),
+            "scenes": SCENES.model_dump(mode="json") | {"side": 160, "chunk": 2},
+            "train": TRAIN.model_dump(mode="json"),
+        }
+    }
+    (tmp_path / "config/tiny.yaml").write_text(yaml.safe_dump(tiny))
+
+    def snakemake(*arguments):
+        command = [sys.executable, "-m", "snakemake", "-j2", "--configfile", "config/tiny.yaml"]
+        return subprocess.run(
+            [*command, "results/segmenter.csv", *arguments],
+            cwd=tmp_path,
+            env=os.environ | {"PYTHONPATH": str(tmp_path / "src")},
+            capture_output=True,
+            text=True,
+            timeout=900,
+        )
+
+    done = snakemake()
+    assert done.returncode == 0, done.stdout + done.stderr
+    table = pd.read_csv(tmp_path / "results/segmenter.csv")
+    assert set(table["weights"]) == {"trained", "shipped"} and set(table["method"]) == set(METHODS)
+    assert "Nothing to be done" in snakemake("-n").stdout + snakemake("-n").stderr
+    # a lost marker costs no rendering: the pictures are still there
+    marker = tmp_path / "resources/segmenter/pictures/train-000.json"
+    files = [tmp_path / name for name in json.loads(marker.read_text())]
+    times = [file.stat().st_mtime_ns for file in files]
+    marker.unlink()
+    assert snakemake().returncode == 0
+    assert [file.stat().st_mtime_ns for file in files] == times
