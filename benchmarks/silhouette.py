@@ -73,8 +73,7 @@ def main() -> None:
         target = SilhouetteTarget(mask)
         points = xy.clone().requires_grad_()
         turns, moves = rotations.clone().requires_grad_(), shift.clone().requires_grad_()
-        exact = xy[1].double().requires_grad_()
-        wanted = torch.from_numpy(target.mask).double()
+        exact = xy[1:2].double().requires_grad_()
 
         def loss(points=points, target=target):
             silhouette_loss(points, topology, target, 1.0, 0.3)[0].sum().backward()
@@ -91,12 +90,11 @@ def main() -> None:
         def pose_score(camera=camera, target=target):
             pose_silhouette_iou(vertices, rotations, shift, camera, topology, target)
 
-        def slow_loss(exact=exact, wanted=wanted):
-            keep = torch.ones_like(wanted)
-            reference.silhouette_loss(exact, chair.faces, wanted, keep).backward()
+        def slow_loss(exact=exact, target=target):
+            silhouette_loss(exact, topology, target, 1.0, 0.3, "reference")[0].sum().backward()
 
         def slow_score(exact=exact, mask=target.mask, size=size):
-            covered = reference.covered(exact.detach().numpy(), chair.faces, size, size)
+            covered = reference.covered(exact[0].detach().numpy(), chair.faces, size, size)
             return (covered * mask).sum() / np.maximum(covered, mask).sum()
 
         count, repeats = arguments.poses, arguments.repeats

@@ -1,12 +1,27 @@
-"""Depth maps against ray casting, crops against direct projection."""
+"""Depth maps against ray casting, crops against direct projection, kernels made once."""
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hoi.geometry import project
-from hoi.rendering import Roi, crop_mask, depth_map, intrinsics_for, warm_up
+from hoi.rendering import (
+    MeshTopology,
+    Roi,
+    SilhouetteTarget,
+    crop_mask,
+    depth_map,
+    intrinsics_for,
+    kernels,
+    pose_silhouette_iou,
+    pose_silhouette_loss,
+    render_silhouette,
+    silhouette_iou,
+    silhouette_loss,
+    warm_up,
+)
 
 K = np.array([[90.0, 0, 48.0], [0, 100.0, 40.0], [0, 0, 1]])
 
@@ -107,3 +122,29 @@ def test_a_region_around_a_box_is_square_and_centred():
 def test_warming_up_twice_is_harmless():
     warm_up()
     warm_up()
+
+
+def test_after_warming_up_nothing_is_left_to_compile():
+    """Every kernel has one signature, whatever kind of arrays and tensors comes in."""
+    warm_up()
+    dispatchers = [kernel for kernel in vars(kernels).values() if hasattr(kernel, "signatures")]
+    public = [kernel for kernel in dispatchers if not kernel.py_func.__name__.startswith("_")]
+    assert len(public) >= 6 and all(len(kernel.signatures) == 1 for kernel in public)
+    faces = np.array([[0, 1, 2]], np.int64)
+    topology = MeshTopology.from_faces(np.asfortranarray(faces), 3)
+    target = SilhouetteTarget(np.eye(8, dtype=bool)[:, ::-1], np.ones((8, 8), np.float64))
+    xy = torch.rand(2, 3, 4, dtype=torch.float64)[..., ::2].requires_grad_()
+    silhouette_loss(xy, topology, target, 1, 0)[0].sum().backward()
+    silhouette_iou(xy, topology, target)
+    render_silhouette(xy, topology, 9, 7).sum().backward()
+    vertices = torch.rand(3, 3).T
+    pose = (
+        vertices,
+        torch.eye(3)[None].double(),
+        torch.tensor([[0.0, 0, 3]]),
+        np.eye(3, dtype=int),
+    )
+    pose_silhouette_loss(*pose, topology, target)
+    pose_silhouette_iou(*pose, topology, target)
+    depth_map(np.eye(3, dtype=np.float32) + 1, faces, np.eye(3, dtype=np.float32), 8, 8, near=1)
+    assert all(len(kernel.signatures) == 1 for kernel in public)

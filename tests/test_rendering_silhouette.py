@@ -19,6 +19,7 @@ from hoi.rendering import (
     render_silhouette,
     silhouette_iou,
     silhouette_loss,
+    torch_backend,
 )
 
 
@@ -103,25 +104,100 @@ def test_a_convex_outline_agrees_with_opencv():
         assert missed.sum() <= 0.002 * one.sum()  # its vertices are rounded to 1/16 pixel
 
 
-def test_loss_and_gradient_equal_the_plain_reference(chair):
-    xy = projected(chair, 96)
-    topology = topology_of(chair)
-    mask = render_silhouette(xy[:1], topology, 96, 96)[0].numpy()
-    keep = np.ones((96, 96), np.float32)
+def loss_and_gradient(xy, topology, target, backend, dtype=torch.float32):
+    points = xy.to(dtype).clone().requires_grad_()
+    loss, iou = silhouette_loss(points, topology, target, 1.0, 0.4, backend=backend)
+    loss.sum().backward()
+    return loss.detach().float(), iou.float(), points.grad.float()
+
+
+def occluded_target(mesh, xy, size):
+    mask = render_silhouette(xy[:1], topology_of(mesh), size, size)[0].numpy()
+    keep = np.ones((size, size), np.float32)
     keep[:, :30] = 0
     keep[60:] = 0.5
-    target = SilhouetteTarget(mask, keep)
-    xy.requires_grad_()
-    loss, _ = silhouette_loss(xy, topology, target)
-    loss.sum().backward()
-    for i in range(len(xy)):
-        exact = xy[i].detach().double().requires_grad_()
-        expected = reference.silhouette_loss(
-            exact, chair[1], torch.from_numpy(target.mask).double(), torch.from_numpy(keep).double()
-        )
-        expected.backward()
-        assert loss[i].item() == pytest.approx(expected.item(), rel=1e-4, abs=1e-3)
-        assert (xy.grad[i] - exact.grad).norm() < 1e-3 * exact.grad.norm().clamp(min=1)
+    return SilhouetteTarget(mask, keep)
+
+
+def test_loss_and_gradient_equal_the_plain_reference(chair):
+    xy, topology = projected(chair, 96), topology_of(chair)
+    target = occluded_target(chair, xy, 96)
+    loss, iou, grad = loss_and_gradient(xy, topology, target, "numba")
+    expected, expected_iou, exact = loss_and_gradient(xy, topology, target, "reference")
+    torch.testing.assert_close(loss, expected, rtol=1e-4, atol=1e-3)
+    torch.testing.assert_close(iou, expected_iou, rtol=1e-4, atol=1e-4)
+    for one, other in zip(grad, exact, strict=True):
+        assert (one - other).norm() < 1e-3 * other.norm().clamp(min=1)
+
+
+@pytest.mark.parametrize("size", [64, 97])
+def test_the_torch_back_end_equals_the_kernels(chair, size, monkeypatch):
+    """Tightly: the same algorithm, in the same order, in the same precision."""
+    xy, topology = projected(chair, size, count=9, seed=3), topology_of(chair)
+    target = occluded_target(chair, xy, size)
+    monkeypatch.setattr(torch_backend, "_MOST_PIXELS", 4 * size * size)  # three pieces
+    for ours, kernels in zip(
+        loss_and_gradient(xy, topology, target, "torch"),
+        loss_and_gradient(xy, topology, target, "numba"),
+        strict=True,
+    ):
+        torch.testing.assert_close(ours, kernels, rtol=1e-4, atol=2e-4 * float(kernels.abs().max()))
+    assert torch.equal(
+        render_silhouette(xy, topology, size, size, antialias=False, backend="torch"),
+        render_silhouette(xy, topology, size, size, antialias=False),
+    )
+    smooth = [xy.clone().requires_grad_() for _ in range(2)]
+    for points, name in zip(smooth, ("torch", "numba"), strict=True):
+        render_silhouette(points, topology, size, size, backend=name).square().sum().backward()
+    torch.testing.assert_close(smooth[0].grad, smooth[1].grad, rtol=1e-3, atol=1e-2)
+    scores = silhouette_iou(xy, topology, target, backend="torch")
+    torch.testing.assert_close(scores, silhouette_iou(xy, topology, target), rtol=1e-5, atol=1e-6)
+
+
+def test_the_torch_back_end_in_float64_equals_the_reference(chair):
+    xy, topology = projected(chair, 80, seed=5), topology_of(chair)
+    target = occluded_target(chair, xy, 80)
+    ours = loss_and_gradient(xy, topology, target, "torch", torch.float64)
+    exact = loss_and_gradient(xy, topology, target, "reference", torch.float64)
+    for one, other in zip(ours, exact, strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-5 * float(other.abs().max()))
+
+
+@pytest.mark.parametrize("backend", ["torch", "reference"])
+def test_every_back_end_places_meshes_and_cuts_them_at_the_near_plane(backend):
+    mesh = boxes(((0.5, 0.5, 3.0), (0, 0, 0)))
+    topology, vertices = topology_of(mesh), torch.from_numpy(mesh[0])
+    rotations, _ = poses(3, seed=4)
+    shift = torch.tensor([[0.2, 0.1, 3.0], [0.4, 0.3, 0.4], [0.1, 0, 2.5]])
+    target = SilhouetteTarget(np.pad(np.ones((30, 30)), 17))
+    results = []
+    for name in (backend, "numba"):
+        moving = shift.clone().requires_grad_()
+        given = (vertices, rotations, moving, camera(64), topology, target)
+        loss, iou = pose_silhouette_loss(*given, 1.0, 0.2, backend=name)
+        loss.sum().backward()
+        score = pose_silhouette_iou(*given, backend=name)
+        results.append((loss.detach(), iou, score, moving.grad / moving.grad.norm()))
+    for ours, kernels in zip(*results, strict=True):
+        torch.testing.assert_close(ours, kernels, rtol=2e-3, atol=2e-3)
+
+
+def test_an_unknown_back_end_is_named(chair):
+    with pytest.raises(ValueError, match="'opengl'"):
+        render_silhouette(projected(chair, 8), topology_of(chair), 8, 8, backend="opengl")
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+def test_on_a_cuda_device_the_results_are_those_of_the_cpu(chair):
+    xy, topology = projected(chair, 128, count=16, seed=6), topology_of(chair)
+    target = occluded_target(chair, xy, 128)
+    on_device = loss_and_gradient(xy.cuda(), topology, target, None)
+    for ours, kernels in zip(
+        on_device, loss_and_gradient(xy, topology, target, "numba"), strict=True
+    ):
+        assert ours.is_cuda
+        scale = float(kernels.abs().max())
+        torch.testing.assert_close(ours.cpu(), kernels, rtol=1e-4, atol=5e-4 * scale)
 
 
 def test_the_image_version_has_the_loss_and_gradient_of_the_fused_one(chair):

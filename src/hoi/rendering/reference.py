@@ -1,7 +1,8 @@
-"""Slow, obvious second implementations of the silhouette, for tests and benchmarks.
+"""Slow, obvious second implementation of the silhouette, for tests and benchmarks.
 
-Coverage is tested triangle by triangle, edges come from a dictionary, everything is float64 and the
-gradient is autograd's. Loops over faces are meant: this is what the fast kernels are held against.
+:func:`loss`, :func:`overlap` and :func:`image` are the back end ``reference``. Coverage is tested
+triangle by triangle, edges come from a dictionary, everything is float64 and the gradient is
+autograd's. Loops over faces are meant: this is what the fast back ends are held against.
 """
 
 from __future__ import annotations
@@ -11,6 +12,12 @@ from collections import defaultdict
 import numpy as np
 import torch
 from torch import Tensor
+
+from hoi.rendering.target import SilhouetteTarget
+from hoi.rendering.topology import MeshTopology
+
+# axis, line of the pair, place of its first pixel, whether that is covered, where the edge passes
+Pairs = tuple[int, Tensor, Tensor, Tensor, Tensor]
 
 
 def covered(xy: np.ndarray, faces: np.ndarray, height: int, width: int, samples: int = 1):
@@ -49,20 +56,76 @@ def coverage(xy: np.ndarray, faces: np.ndarray, height: int, width: int, samples
     return fine.reshape(height, samples, width, samples).mean((1, 3))
 
 
-def silhouette(xy: Tensor, faces: np.ndarray, height: int, width: int) -> Tensor:
-    """The anti-aliased silhouette (H, W) of one mesh, xy (V, 2) float64, by torch autograd."""
-    hard = torch.from_numpy(covered(xy.detach().numpy(), faces, height, width)).to(xy)
-    edges = torch.from_numpy(_outline(xy.detach().numpy(), faces))
-    image = hard
-    for axis in (0, 1):  # 0: pairs side by side, crossed by steep edges; 1: pairs above each other
-        image = image + _blends(xy, edges, hard, axis)
-    return image + (image.clamp(0, 1) - image).detach()  # a clamped pixel keeps its gradient
+def loss(
+    xy: Tensor,
+    topology: MeshTopology,
+    target: SilhouetteTarget,
+    mask_weight: float,
+    edge_weight: float,
+) -> tuple[Tensor, Tensor]:
+    """See :func:`hoi.rendering.silhouette_loss`."""
+    results = [_loss(one.double(), topology, target, mask_weight, edge_weight) for one in xy]
+    losses, ious = (torch.stack(values).to(xy) for values in zip(*results, strict=True))
+    return losses, ious
 
 
-def silhouette_loss(xy: Tensor, faces: np.ndarray, mask: Tensor, keep: Tensor) -> Tensor:
-    """sum keep (S - M)^2 of one mesh, xy (V, 2) float64."""
-    height, width = mask.shape
-    return (keep * (silhouette(xy, faces, height, width) - mask).square()).sum()
+def overlap(xy: Tensor, topology: MeshTopology, target: SilhouetteTarget) -> Tensor:
+    """See :func:`hoi.rendering.silhouette_iou`."""
+    hard = image(xy.detach(), topology, *target.shape, antialias=False).double()
+    return torch.stack([_iou(one, target) for one in hard]).to(xy)
+
+
+def image(
+    xy: Tensor, topology: MeshTopology, height: int, width: int, antialias: bool = True
+) -> Tensor:
+    """See :func:`hoi.rendering.render_silhouette`."""
+    images = []
+    for one in xy.double():
+        hard = torch.from_numpy(covered(one.detach().numpy(), topology.faces, height, width))
+        pairs = _pairs(one, topology.faces, hard) if antialias else []
+        images.append(_blended(hard.double(), pairs))
+    return torch.stack(images).to(xy)
+
+
+def _loss(
+    xy: Tensor,
+    topology: MeshTopology,
+    target: SilhouetteTarget,
+    mask_weight: float,
+    edge_weight: float,
+) -> tuple[Tensor, Tensor]:
+    mask, keep, distance = (
+        torch.from_numpy(table).double()
+        for table in (target.mask, target.keep, target.edge_distance)
+    )
+    hard = torch.from_numpy(covered(xy.detach().numpy(), topology.faces, *target.shape))
+    pairs = _pairs(xy, topology.faces, hard)
+    drawn = _blended(hard.double(), pairs)
+    value = mask_weight * (keep * (drawn - mask).square()).sum()
+    for axis, line, first, _, position in pairs:
+        known, table = (keep, distance) if axis == 0 else (keep.T, distance.T)
+        weight = torch.minimum(known[line, first], known[line, first + 1])
+        share = position - first - 0.5
+        there = (1 - share) * table[line, first] + share * table[line, first + 1]
+        value = value + edge_weight * (weight * there).sum()
+    return value, _iou(drawn.detach(), target)
+
+
+def _iou(drawn: Tensor, target: SilhouetteTarget) -> Tensor:
+    mask, keep = torch.from_numpy(target.mask).double(), torch.from_numpy(target.keep).double()
+    union = (keep * torch.maximum(drawn, mask)).sum()
+    return (keep * torch.minimum(drawn, mask)).sum() / union.clamp(min=1e-6)
+
+
+def _blended(hard: Tensor, pairs: list[Pairs]) -> Tensor:
+    drawn = hard
+    for axis, line, first, inside, position in pairs:
+        past_border = position - (first + 1)
+        change = torch.where(inside, past_border, -past_border)
+        cell = torch.where(past_border > 0, first + 1, first)
+        rows, columns = (line, cell) if axis == 0 else (cell, line)
+        drawn = drawn.index_put((rows, columns), change, accumulate=True)
+    return drawn + (drawn.clamp(0, 1) - drawn).detach()  # a clamped pixel keeps its gradient
 
 
 def _area(corners: np.ndarray) -> float:
@@ -81,8 +144,14 @@ def _outline(xy: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.array([edge for edge, count in net.items() if count], np.int64).reshape(-1, 2)
 
 
-def _blends(xy: Tensor, edges: Tensor, hard: Tensor, axis: int) -> Tensor:
-    along, across = (0, 1) if axis == 0 else (1, 0)  # pairs lie along x (0) or along y (1)
+def _pairs(xy: Tensor, faces: np.ndarray, hard: Tensor) -> list[Pairs]:
+    edges = torch.from_numpy(_outline(xy.detach().numpy(), faces))
+    return [_pairs_along(axis, xy, edges, hard) for axis in (0, 1)]
+
+
+def _pairs_along(axis: int, xy: Tensor, edges: Tensor, hard: Tensor) -> Pairs:
+    """Pixels side by side (axis 0, steep edges) or above each other that an edge separates."""
+    along, across = (0, 1) if axis == 0 else (1, 0)
     coverage = hard if axis == 0 else hard.T
     lines, cells = coverage.shape
     a, b = xy[edges[:, 0]], xy[edges[:, 1]]
@@ -102,8 +171,8 @@ def _blends(xy: Tensor, edges: Tensor, hard: Tensor, axis: int) -> Tensor:
     first = torch.floor(position.detach() - 0.5).long()
     on_grid = (first >= 0) & (first < cells - 1)
     position, line, first = position[on_grid], line[on_grid], first[on_grid]
-    inside = coverage[line, first] > 0
-    separates = inside != (coverage[line, first + 1] > 0)
+    inside = coverage[line, first]
+    separates = inside != coverage[line, first + 1]
     position, line, first, inside = (
         values[separates] for values in (position, line, first, inside)
     )
@@ -115,10 +184,4 @@ def _blends(xy: Tensor, edges: Tensor, hard: Tensor, axis: int) -> Tensor:
     winner = torch.nonzero(outward == best[pair])[:, 0]
     _, first_winner = np.unique(pair[winner].numpy(), return_index=True)
     winner = winner[torch.from_numpy(first_winner)]
-    position, line, first, inside = (values[winner] for values in (position, line, first, inside))
-    past_border = position - (first + 1)
-    change = torch.where(inside, past_border, -past_border)
-    cell = torch.where(past_border > 0, first + 1, first)
-    blends = torch.zeros(lines * cells, dtype=xy.dtype)
-    blends = blends.index_add(0, line * cells + cell, change).reshape(lines, cells)
-    return blends if axis == 0 else blends.T
+    return axis, line[winner], first[winner], inside[winner], position[winner]
