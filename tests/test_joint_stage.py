@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from hoi.artifacts import Joint
+from hoi.artifacts import GroundTruth, Joint
 from hoi.body import DEFAULT_BODY
 from hoi.errors import ConfigError, FrameFailure
 from hoi.exemplars import save_library
@@ -24,15 +24,30 @@ def library(tmp_path_factory):
     return folder
 
 
-def run(scene, library, config) -> Joint:
+def run(scene, library, config, truth=None) -> Joint:
     stage = JointStage(config, DEFAULT_BODY, library)
-    return stage(scene.frame, scene.detection, scene.body, scene.objects, scene.prior, seed=3)
+    return stage(
+        scene.frame, scene.detection, scene.body, scene.objects, scene.prior, seed=3, truth=truth
+    )
+
+
+def truth_of(scene) -> GroundTruth:
+    return GroundTruth(
+        frame_id="toy",
+        body_model=scene.body.body_model,
+        body_vertices=scene.body.vertices,
+        body_faces=body_model().faces,
+        body_joints=scene.body.joints,
+        object_vertices=scene.true_vertices,
+        object_faces=box_chair().faces,
+    )
 
 
 @pytest.mark.parametrize("name", METHODS.methods)
 def test_every_method_of_the_tables_gives_a_valid_artifact(name, library, tmp_path):
     scene = sitting_scene(second=True)
-    result = run(scene, library, method_config(name, fast=QUICK))
+    config = method_config(name, fast=QUICK)
+    result = run(scene, library, config, truth_of(scene) if config.oracle != "none" else None)
     result.save(tmp_path / "joint.npz")
     again = Joint.load(tmp_path / "joint.npz")
     assert again.to_bytes() == result.to_bytes()
@@ -161,3 +176,17 @@ def test_without_hypotheses_the_retrieved_action_is_tried_alone(library):
     result = run(sitting_scene(), library, config)
     assert result.hypothesis_actions == ["sit"]
     assert "action_surprisal" not in result.hypothesis_terms
+
+
+def test_an_oracle_takes_the_true_body_or_the_best_hypothesis(library):
+    scene = sitting_scene(second=True)
+    truth = truth_of(scene)
+    away = scene.body.model_copy(update={"vertices": scene.body.vertices + [0.3, 0, 0.5]})
+    scene.body = away
+    told = run(scene, library, method_config("true_body", fast=QUICK), truth)
+    np.testing.assert_allclose(told.body_vertices, truth.body_vertices)
+    scene = sitting_scene(second=True)
+    choice = run(scene, library, method_config("true_choice"), truth)
+    assert choice.exemplar == "box"  # the true chair has no arms
+    with pytest.raises(ConfigError, match="needs the truth"):
+        run(scene, library, method_config("true_choice"))

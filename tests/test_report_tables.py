@@ -7,6 +7,8 @@ import pandas as pd
 import pytest
 
 from hoi.errors import ArtifactError
+from hoi.evaluate.compare import paired
+from hoi.report.accuracy import draw_paired, paired_layout
 from hoi.report.tables import (
     COLUMNS,
     ablation_layout,
@@ -192,3 +194,23 @@ def test_mean_and_spread_are_printed_with_one_decimal():
     assert spread(28.14, 15.06) == "28.1 (15.1)"
     assert spread(float("nan"), 1.0) == "–"
     assert spread(3.0, float("nan")) == "3.0"
+
+
+def test_the_paired_table_and_its_picture_show_every_method(tmp_path):
+    base = np.linspace(5, 40, 20)
+    frames = pd.DataFrame(
+        [
+            {"dataset": "behave_mini", "protocol": "p", "method": m, "frame_id": f"{i}",
+             "object_cm": value * factor}
+            for m, factor in (("ours", 1.0), ("phosa", 2.0), ("true_action", 0.9))
+            for i, value in enumerate(base)
+        ]
+    )  # fmt: skip
+    comparison = paired(frames, "ours", "chair")
+    table = paired_layout(comparison)
+    assert [name for name, _ in table.rows] == ["PHOSA", "Ours, told the action"]
+    assert table.rows[0][1][3] == "2.00"
+    assert "PHOSA" in as_html_page([table], "Accuracy")
+    draw_paired(comparison, tmp_path / "a.png")
+    draw_paired(comparison, tmp_path / "b.png")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()

@@ -55,6 +55,10 @@ class TablesConfig(Settings):
     """Which methods each table compares."""
 
     methods: tuple[str, ...] = ("phosa", "ours")
+    accuracy: tuple[str, ...] = Field(
+        default=("ours", "phosa"),
+        description="methods of results/accuracy.csv; the others are compared with the first",
+    )
     ablation: tuple[str, ...] = ("no_action", "no_contact", "no_normal", "ours")
     ablation_group: Literal["chair", "table", "keyboard", "backpack"] = "chair"
 
@@ -94,6 +98,7 @@ class RunConfig(Settings):
         for table, methods in (
             ("tables.methods", self.tables.methods),
             ("tables.ablation", self.tables.ablation),
+            ("tables.accuracy", self.tables.accuracy),
         ):
             for method in methods:
                 if method not in self.methods:

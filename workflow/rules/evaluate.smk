@@ -29,7 +29,8 @@ def table_inputs(group, methods):
     return named
 
 
-def table_params(group, methods, ablation=False):
+def table_params(group, methods, ablation=False, script="table"):
+    shared = Path(workflow.basedir) / "workflow" / "scripts" / "evaluations.py"
     return {
         "ablation": ablation,
         "category": group,
@@ -39,7 +40,7 @@ def table_params(group, methods, ablation=False):
         "align": CONFIG.evaluate.align,
         "also": [name for name in CONFIG.evaluate.also if name != CONFIG.evaluate.align],
         "frames": frame_labels(chunks_of(group)),
-        "identity": drawing_identity("table", {}),
+        "identity": drawing_identity(script, {}) | {"evaluations": code_digest(str(shared))},
     }
 
 

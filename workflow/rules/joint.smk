@@ -11,6 +11,12 @@ rule joint:
             f"{CONFIG.methods[wildcards.method].search}/{wildcards.chunk}.json"
         ),
         priors="results/{dataset}/priors/{chunk}.json",
+        # an oracle is told the truth, no other method ever sees it
+        truth=lambda wildcards: (
+            []
+            if CONFIG.joint_settings(wildcards.method).oracle == "none"
+            else f"results/{wildcards.dataset}/truth/{wildcards.chunk}.json"
+        ),
         body_model=CONFIG.assets.body_model,
         exemplars=exemplar_files,
         kernels="resources/kernels.ready",

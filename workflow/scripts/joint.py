@@ -4,7 +4,7 @@ from pathlib import Path
 
 from chunk_job import files, run_stage
 
-from hoi.artifacts import BodyFit, Detection, Frame, Joint, ObjectFit, Prior
+from hoi.artifacts import BodyFit, Detection, Frame, GroundTruth, Joint, ObjectFit, Prior
 
 
 def make_stage():
@@ -26,6 +26,7 @@ run_stage(
         "body": (BodyFit, snakemake.input.bodies),
         "objects": (ObjectFit, snakemake.input.objects),
         "prior": (Prior, snakemake.input.priors),
+        **({"truth": (GroundTruth, snakemake.input.truth)} if snakemake.input.truth else {}),
     },
     assets=[snakemake.input.body_model, *files(snakemake, "exemplars")],
 )

@@ -118,6 +118,12 @@ class JointConfig(Settings):
     def _yaml_true(cls, value: object) -> object:
         return "true" if value is True else value  # YAML reads the word as a truth value
 
+    oracle: Literal["none", "body", "choice"] = Field(
+        default="none",
+        description="what the method is told of the truth, to see where its error comes from. "
+        "body: the true body; choice: which hypothesis is nearest to the true object. Never a "
+        "result",
+    )
     action_weight: float = Field(
         default=0.02,
         ge=0,

@@ -9,11 +9,25 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from hoi.artifacts import BodyFit, Detection, Frame, Interaction, Joint, ObjectFit, Prior
+from hoi.artifacts import (
+    BodyFit,
+    Detection,
+    Frame,
+    GroundTruth,
+    Interaction,
+    Joint,
+    ObjectFit,
+    Prior,
+)
 from hoi.body import BodyModel, part_vertices
 from hoi.errors import ConfigError, FrameFailure
 from hoi.exemplars import Exemplar, load_library
-from hoi.geometry import rotation_6d_to_matrix
+from hoi.geometry import (
+    chamfer_distance,
+    rotation_6d_to_matrix,
+    sample_surface,
+    similarity_procrustes,
+)
 from hoi.joint.config import JointConfig
 from hoi.joint.inputs import Inputs
 from hoi.joint.optimise import DepthCost, Optimum, minimise
@@ -55,9 +69,18 @@ class JointStage:
         objects: ObjectFit,
         prior: Prior,
         seed: int,
+        truth: GroundTruth | None = None,
     ) -> Joint:
-        """Raises FrameFailure when there is no pose to start from or none stays finite."""
+        """Raises FrameFailure when there is no pose to start from or none stays finite.
+
+        `truth` is for methods with an oracle alone.
+        """
         config = self.config
+        if config.oracle != "none" and truth is None:
+            raise ConfigError(f"{config.method}: its oracle {config.oracle!r} needs the truth")
+        if config.oracle == "body":
+            assert truth is not None
+            body = true_body(body, truth)
         if body.body_model and body.body_model != self.body_identity:
             raise ConfigError(
                 f"the joint stage loaded body model {self.body_identity}, but {frame.frame_id} was "
@@ -73,7 +96,8 @@ class JointStage:
             order = self._order_cost(inputs, problem) if config.depth_order_weight > 0 else None
             optimum = minimise(problem, config.terms, config.chosen_schedule, order)
             solutions.append(self._solution(interaction, inputs, problem, optimum))
-        return self._result(frame.frame_id, inputs, solutions)
+        told = truth if config.oracle == "choice" else None
+        return self._result(frame.frame_id, inputs, solutions, told)
 
     def _library(self, category: str) -> list[Exemplar]:
         if category not in self._libraries:
@@ -127,7 +151,13 @@ class JointStage:
             scale=placement.scale.double().numpy(),
         )
 
-    def _result(self, frame_id: str, inputs: Inputs, solutions: Sequence[Solution]) -> Joint:
+    def _result(
+        self,
+        frame_id: str,
+        inputs: Inputs,
+        solutions: Sequence[Solution],
+        truth: GroundTruth | None,
+    ) -> Joint:
         """Choose a hypothesis and write it down."""
         config = self.config
         total = np.concatenate([solution.total for solution in solutions])
@@ -140,7 +170,11 @@ class JointStage:
         except ValueError as error:
             raise FrameFailure("joint_diverged", str(error)) from error
         points = [points for solution in solutions for points in solution.surface]
-        selected = choose(score, points, config.consensus)
+        selected = (
+            choose(score, points, config.consensus)
+            if truth is None
+            else nearest_to_truth(score, points, inputs, truth)
+        )
         solution, k = _locate(solutions, selected)
         problem, optimum = solution.problem, solution.optimum
         rotation, translation, scale = _similarity(optimum.variables[k])
@@ -207,6 +241,35 @@ class Solution:
     violation: np.ndarray
     iou: np.ndarray
     scale: np.ndarray
+
+
+def true_body(body: BodyFit, truth: GroundTruth) -> BodyFit:
+    """The fit with the true vertices and joints. Raises FrameFailure when the model differs."""
+    if truth.body_model != body.body_model or truth.body_joints is None:
+        raise FrameFailure(
+            "no_correspondence",
+            f"the true body ({truth.body_model or 'unnamed'}) is not the fitted model",
+        )
+    return body.model_copy(update={"vertices": truth.body_vertices, "joints": truth.body_joints})
+
+
+def nearest_to_truth(
+    score: np.ndarray, points: Sequence[np.ndarray], inputs: Inputs, truth: GroundTruth
+) -> int:
+    """Index of the finite hypothesis whose points come nearest to the true object.
+
+    The fitted body is aligned to the true one first, as in the evaluation. Raises FrameFailure when
+    their vertices do not correspond.
+    """
+    assert truth.body_vertices is not None and truth.object_vertices is not None
+    if truth.body_vertices.shape != inputs.body_vertices.shape:
+        raise FrameFailure("no_correspondence", "the true body is not the fitted model")
+    scale, rotation, shift = similarity_procrustes(inputs.body_vertices, truth.body_vertices)
+    true = sample_surface(
+        truth.object_vertices, truth.object_faces, len(points[0]), np.random.default_rng(0)
+    )
+    error = [chamfer_distance(scale * own @ rotation.T + shift, true) for own in points]
+    return int(np.where(np.isfinite(score), error, np.inf).argmin())
 
 
 def interactions(prior: Prior, action: str) -> Sequence[Interaction]:

@@ -7,6 +7,13 @@ METHOD_LABELS = {
     "no_action": "No action",
     "no_contact": "No L_contact",
     "no_normal": "No L_normal",
+    "single_action": "Nearest action only",
+    "phosa_calib": "PHOSA, true camera",
+    "phosa_strong": "PHOSA, true camera, our search",
+    "phosa_nocontact": "PHOSA, true camera, no interaction",
+    "true_action": "Ours, told the action",
+    "true_body": "Ours, told the body",
+    "true_choice": "Ours, told the best hypothesis",
     "truth": "Truth",
 }
 
