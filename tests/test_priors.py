@@ -188,6 +188,7 @@ def test_a_stool_has_no_back_and_no_arms():
         ("contacts.csv", "sofa,sit,a,b", "column is missing"),
         ("actions.csv", "sofa,sit,perhaps,no", "column stands_on_floor: 'perhaps'"),
         ("actions.csv", "sofa,sit,yes,perhaps", "column feet_on_floor: 'perhaps'"),
+        ("sizes.csv", "sofa,2.0,height,me,a note, with a comma", "more values than columns"),
         ("extents.csv", "chair,1,1,1,1,1,1,1,1,1,me,", "chair appears twice"),
         ("extents.csv", "sofa,2,1,3,,,,,,,me,", "column height_m: 2.0, 1.0, 3.0"),
         ("extents.csv", "sofa,,1,,,,,,,,me,", "column height_low: is empty"),

@@ -19,7 +19,7 @@ from hoi.evaluate.config import EvaluateConfig
 from hoi.exemplars.config import ExemplarsConfig
 from hoi.joint.config import JointConfig
 from hoi.objectfit.config import ObjectFitConfig
-from hoi.priors.config import PriorsConfig
+from hoi.priors.config import PriorsConfig, StudyConfig
 from hoi.report.config import ReportConfig
 from hoi.segmenter.config import SegmenterRecipe
 from hoi.settings import Settings
@@ -88,6 +88,7 @@ class RunConfig(Settings):
     objectfit: dict[str, ObjectFitConfig] = Field(default={}, description="named searches")
     actions: ActionsConfig = ActionsConfig()
     priors: PriorsConfig = PriorsConfig()
+    prior_study: StudyConfig = Field(default=StudyConfig(), description="results/priors.csv")
     methods: dict[str, MethodConfig] = Field(default={}, description="named methods")
     tables: TablesConfig = TablesConfig()
     evaluate: EvaluateConfig = EvaluateConfig()

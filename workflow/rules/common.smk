@@ -31,6 +31,8 @@ except HoiError as error:
 
 # where results are remembered is no part of any result, so scripts read it past the parameters
 config["memo"] = CONFIG.memo
+config["prior_study"] = CONFIG.prior_study.model_dump(mode="json")
+config["language_model"] = CONFIG.priors.llm.model_dump(mode="json")
 
 GROUPS = ("chair", "table", "keyboard", "backpack")
 DATASET = CONFIG.dataset_name
@@ -91,7 +93,10 @@ BEHAVE_MINI_ASSETS = [
     "src/hoi/data/body/neutral.npz",
     *(f"src/hoi/data/furniture/{name}.npz" for name in ("chair", "stool", "table", "backpack", "suitcase", "keyboard")),
 ]
-PRIOR_TABLES = [f"src/hoi/data/priors/{name}.csv" for name in (*NEEDED_TABLES, *RICHER_TABLES)]
+PRIOR_TABLE_NAMES = (*NEEDED_TABLES, *RICHER_TABLES)
+RECORDED_PRIORS = [f"src/hoi/data/priors/{name}.csv" for name in PRIOR_TABLE_NAMES]
+ASKED_PRIORS = [f"resources/priors/{name}.csv" for name in PRIOR_TABLE_NAMES]
+PRIOR_TABLES = ASKED_PRIORS if CONFIG.priors.source == "llm" else RECORDED_PRIORS
 # the same with the user's own objects, see rule own_knowledge
 OWN_POSES = "resources/own/poses.npz"
 OWN_ACTION_SPACE = "resources/own/actions.tsv"

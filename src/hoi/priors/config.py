@@ -3,7 +3,7 @@
 from typing import Literal
 from urllib.parse import urlsplit
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from hoi.settings import Settings
 
@@ -109,6 +109,12 @@ class ClientConfig(Settings):
         return url
 
 
+#: How a server is reached: no part of any answer.
+REACHING = frozenset(
+    {"base_url", "api_key_variable", "mode", "timeout_seconds", "retries", "min_interval_seconds"}
+)
+
+
 class LanguageModelConfig(ClientConfig):
     """Which model's answers the priors are made of, when `priors.source` is llm."""
 
@@ -126,10 +132,11 @@ class LanguageModelConfig(ClientConfig):
         description="part names that the alias table does not know. model: ask the model, by the "
         "second prompt; aliases: report them as unmapped",
     )
-    gaps: Literal["recorded", "none"] = Field(
-        default="recorded",
-        description="what the model has no usable answer for. recorded: the tables of the package, "
-        "and the row says so; none: the frame ends as no_contact_prior or no_size_prior",
+    gaps: Literal["stop", "recorded", "none"] = Field(
+        default="stop",
+        description="questions without a recorded or readable answer. stop: an unrecorded one "
+        "stops the run, an unreadable one is none; recorded: the tables of the package answer, and "
+        "the row says so; none: the frame ends as no_contact_prior or no_size_prior",
     )
 
 
@@ -142,6 +149,12 @@ class PriorsConfig(LookupConfig):
         "under `llm` answered, replayed from its recordings",
     )
     llm: LanguageModelConfig = LanguageModelConfig()
+
+    @model_validator(mode="after")
+    def _names_a_model(self):
+        if self.source == "llm" and not self.llm.model:
+            raise ValueError("llm.model: source is llm, so the model must be named")
+        return self
 
 
 class StudyConfig(Settings):

@@ -8,7 +8,7 @@ over many models' errors and not the luck of one draw.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -105,8 +105,8 @@ def _voted(drawn: Sequence[Sequence[ContactAnswer]], min_share: float) -> tuple[
 def _as_sets(
     key: tuple[str, str], drawn: Sequence[Sequence[ContactAnswer]], most: int
 ) -> tuple[AlternativeAnswer, ...]:
-    by_pair: Mapping[LabelledPair, ContactAnswer] = {
-        _labels(answer): answer for answers in drawn for answer in answers if answer.object_part
+    by_parts = {
+        _parts(answer): answer for answers in drawn for answer in answers if answer.object_part
     }
     labelled = [[_labels(a) for a in answers if a.object_part] for answers in drawn]
     return tuple(
@@ -114,7 +114,7 @@ def _as_sets(
             *key,
             name=f"answer {number}",
             probability=share,
-            pairs=tuple(by_pair[pair] for pair in pairs),
+            pairs=tuple(replace(by_parts[pair.parts], side=pair.side) for pair in pairs),
             source=_SOURCE,
         )
         for number, (pairs, share) in enumerate(distinct_answers(labelled, most), 1)

@@ -282,7 +282,12 @@ class _Table:
             with open(self._path, newline="", encoding="utf-8") as stream:
                 reader = csv.DictReader(stream)
                 for values in reader:
-                    yield _Row(self._path, reader.line_num, values)
+                    row = _Row(self._path, reader.line_num, values)
+                    if None in values:
+                        raise row.error(
+                            "after the last", "more values than columns; quote texts with commas"
+                        )
+                    yield row
         except FileNotFoundError:
             raise AssetError(f"{self._path}: the table of recorded answers is not there") from None
         except UnicodeDecodeError as error:

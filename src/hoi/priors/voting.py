@@ -31,6 +31,16 @@ def shares(answers: Sequence[Iterable[K]]) -> dict[K, float]:
     return {item: count / len(answers) for item, count in counts.most_common()}
 
 
+def merged_sides(answer: Iterable[LabelledPair]) -> dict[tuple[str, str], LabelledPair]:
+    """One pair for each two parts of an answer: left leg and right leg are both legs."""
+    merged: dict[tuple[str, str], LabelledPair] = {}
+    for pair in answer:
+        known = merged.get(pair.parts, pair)
+        both = {known.side, pair.side} == {"left", "right"}
+        merged[pair.parts] = known._replace(side="both") if both else known
+    return merged
+
+
 def distinct_answers(
     answers: Sequence[Sequence[LabelledPair]], most: int
 ) -> list[tuple[tuple[LabelledPair, ...], float]]:
@@ -41,10 +51,9 @@ def distinct_answers(
     first: dict[frozenset[tuple[str, str]], tuple[LabelledPair, ...]] = {}
     counts: Counter[frozenset[tuple[str, str]]] = Counter()
     for answer in answers:
-        parts = frozenset(pair.parts for pair in answer)
-        unique = {pair.parts: pair for pair in reversed(answer)}
-        first.setdefault(parts, tuple(reversed(unique.values())))
-        counts[parts] += 1
+        merged = merged_sides(answer)
+        first.setdefault(frozenset(merged), tuple(merged.values()))
+        counts[frozenset(merged)] += 1
     return [(first[parts], count / len(answers)) for parts, count in counts.most_common(most)]
 
 
