@@ -146,7 +146,10 @@ class RunConfig(Settings):
 
     def detect_settings(self, dataset: str) -> DetectConfig:
         """How people and objects are found: photos bring no masks, data sets do."""
-        return self.detect_photos if dataset == "photos" else self.detect
+        from hoi.detect.strong.selection import resolved
+
+        config = self.detect_photos if dataset == "photos" else self.detect
+        return config if config.masks == "given" else resolved(config)
 
 
 def load_config(path: Path | str) -> RunConfig:

@@ -201,6 +201,34 @@ class SegmenterConfig(Settings):
     )
 
 
+class ModelFiles(Settings):
+    """Where one stronger model lies. What `settings` means, each model says itself."""
+
+    weights: str = ""
+    settings: str = ""
+    sha256: str = Field(default="", description="of the weights; checked if given")
+
+
+class StrongConfig(Settings):
+    """Stronger models, if installed: docs/detection.md. ``auto`` takes the first that is here."""
+
+    instances: Literal["none", "auto", "pointrend", "rtmdet", "torchvision"] = Field(
+        default="none", description="Boxes and masks of people and objects."
+    )
+    from_box: Literal["none", "auto", "sam", "onnx"] = Field(
+        default="none", description="The object's mask from its box."
+    )
+    device: str = "cpu"
+    floor: float = Field(
+        default=0.05, gt=0, le=1, description="Instances scoring less are not even recorded."
+    )
+    pointrend: ModelFiles = ModelFiles()
+    rtmdet: ModelFiles = ModelFiles()
+    torchvision: ModelFiles = ModelFiles()
+    sam: ModelFiles = ModelFiles()
+    onnx: ModelFiles = ModelFiles()
+
+
 class DetectConfig(Settings):
     """Section 3.1 (detection) and 4.2 (what counts as detected)."""
 
@@ -303,6 +331,7 @@ class DetectConfig(Settings):
         description="Frames with fewer found keypoints fail: no body can be fitted to them.",
     )
 
+    strong: StrongConfig = StrongConfig()
     nanodet: NanoDetConfig = NanoDetConfig()
     ssd: SsdConfig = SsdConfig()
     looks: LooksConfig = LooksConfig()
@@ -332,7 +361,8 @@ class DetectConfig(Settings):
     def needed_models(self) -> Literal["none", "pose", "all"]:
         """Which model files this needs, see :func:`hoi.detect.models.fetch_models`."""
         if self.masks != "given":
-            return "all"
+            # a stronger model brings its own boxes; ``auto`` may still turn out to be none
+            return "all" if self.strong.instances in ("none", "auto") else "pose"
         if self.keypoints == "registry" or self.landmarks == "registry":
             return "pose"
         return "none"

@@ -25,6 +25,9 @@ from hoi.detect.finding import PairFinder
 from hoi.detect.given import given_keypoints, given_mask
 from hoi.detect.labels import USER, label_weights
 from hoi.detect.models import require_models
+from hoi.detect.strong.from_box import load_from_box
+from hoi.detect.strong.instances import load_instances, whole_picture_only
+from hoi.detect.strong.selection import resolved
 from hoi.errors import FrameFailure
 
 STAGE = "detect"
@@ -85,9 +88,17 @@ class DetectStage:
         pose_estimator: PoseEstimator | None = None,
         object_segmenter: ObjectSegmenter | None = None,
     ):
+        detects = config.masks != "given"
+        strong = None
+        if detects:
+            config = resolved(config)
+            strong = load_instances(config.strong)
+        if strong is not None:
+            config = whole_picture_only(config)
+            box_detectors = {strong.name: strong.boxes}
+        self._strong = strong
         self.config = config
         self._pose, self._segment = pose_estimator, object_segmenter
-        detects = config.masks != "given"
         needs_boxes = detects and box_detectors is None
         needs_pose = config.needed_models != "none" and pose_estimator is None
         if needs_boxes or needs_pose:
@@ -104,7 +115,9 @@ class DetectStage:
         if detects and object_segmenter is None:
             from hoi.detect.segmenter import object_segmenter_of
 
-            self._segment = object_segmenter_of(config)
+            self._segment = load_from_box(config.strong, object_segmenter_of(config))
+            if strong is not None and config.strong.from_box == "none":
+                self._segment = strong.object_masks(self._segment)
 
     def __call__(self, frame: Frame, seed: int) -> Detection:
         """Detect in one frame.
@@ -183,7 +196,7 @@ class DetectStage:
         if self._find is None and self._pose is not None:
             assert frame.intrinsics is not None  # a frame that is ok has them
             pose = self._pose(image, subjects.person_box, frame.intrinsics)
-        person_mask, person_source = self._person_mask(subjects, pose)
+        person_mask, person_source = self._person_mask(image, subjects, pose)
         object_mask, object_source = self._object_mask(image, subjects, pose, seed)
         if person_source != "given":
             # A pixel shows one thing. The segmenter saw the person mask as a hint and overruled it
@@ -216,9 +229,15 @@ class DetectStage:
             candidates=subjects.candidates,
         )
 
-    def _person_mask(self, subjects: _Subjects, pose: PersonPose | None) -> tuple[np.ndarray, str]:
+    def _person_mask(
+        self, image: np.ndarray, subjects: _Subjects, pose: PersonPose | None
+    ) -> tuple[np.ndarray, str]:
         if subjects.person_mask is not None:
             return subjects.person_mask, "given"
+        if self._strong is not None:
+            mask = self._strong.person_mask(image, subjects.person_box)
+            if mask is not None and mask.any():
+                return mask, self._strong.name
         if pose is None:
             raise FrameFailure(
                 "person_mask_empty", "the pose model sees nobody in the person's box"
