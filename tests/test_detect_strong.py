@@ -215,7 +215,8 @@ def test_detectron2_is_asked_in_blue_first_and_without_its_own_threshold(
     assert detectron2["image"][0, 0].tolist() == [0, 0, 255]
     assert detectron2["settings"] == settings_file
     told = detectron2["model"]
-    assert (told.WEIGHTS, told.DEVICE) == (weights, "cuda:0")
+    assert told.WEIGHTS == weights
+    assert told.DEVICE == "cuda:0"
     assert told.ROI_HEADS.SCORE_THRESH_TEST == 0
     assert told.POINT_HEAD
 

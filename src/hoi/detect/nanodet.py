@@ -99,7 +99,7 @@ def suppress(
         sizes.tolist(), values.tolist(), classes.tolist(), floor, nms_iou
     )
     found = [
-        DetectedBox(names[classes[index]], float(values[index]), _box(boxes[cells[index]]))
+        DetectedBox(names[int(classes[index])], float(values[index]), _box(boxes[cells[index]]))
         for index in np.asarray(kept, int).reshape(-1)
     ]
     return sorted(found, key=lambda item: (-item.score, item.label, item.box))
