@@ -126,15 +126,16 @@ def pose_silhouette_loss(
     """
     _check_pose(vertices, linear, shift, topology)
     crossing = _crossing_near(vertices, linear, shift)
-    whole = [i for i in range(len(linear)) if i not in crossing] if crossing else slice(None)
+    whole = [i for i in range(len(linear)) if i not in crossing]
+    turns, moves = (linear[whole], shift[whole]) if crossing else (linear, shift)
     chosen = _chosen(backend, linear)
     if chosen is numba_backend:
         loss, iou = numba_backend.pose_loss(
-            vertices, linear[whole], shift[whole], intrinsics, topology, target, mask_weight,
+            vertices, turns, moves, intrinsics, topology, target, mask_weight,
             edge_weight,
         )  # fmt: skip
     else:
-        xy = _projected(vertices, linear[whole], shift[whole], intrinsics)
+        xy = _projected(vertices, turns, moves, intrinsics)
         loss, iou = chosen.loss(xy, topology, target, mask_weight, edge_weight)
     if not crossing:
         return loss, iou
