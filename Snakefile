@@ -39,4 +39,5 @@ rule all:
     input:
         "results/behave_chair.csv",
         "results/ablation.csv",
+        "results/actions.csv",
         gallery_of("chair"),

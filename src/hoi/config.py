@@ -28,6 +28,7 @@ from hoi.smplify.config import SmplifyConfig
 DEFAULT_BODY_MODEL = "src/hoi/data/body/neutral.npz"
 ALL_MINI_FRAMES = 12  # per action: what `frames: all` means for a set that has no end
 POSE_DATABASE = "src/hoi/data/poses/database.npz"
+ACTION_SPACE = "src/hoi/data/conceptnet/actions.tsv"
 
 
 class AssetsConfig(Settings):
@@ -37,6 +38,7 @@ class AssetsConfig(Settings):
         default=DEFAULT_BODY_MODEL, description="SMPL .pkl or .npz, or the embedded CC0 body"
     )
     pose_database: str = Field(default=POSE_DATABASE, description="labelled poses (npz)")
+    action_space: str = Field(default=ACTION_SPACE, description="edges of ConceptNet (tsv)")
     own_objects: str = Field(
         default="my_objects", description="folder that `hoi add-object` fills; need not exist"
     )

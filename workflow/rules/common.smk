@@ -88,7 +88,7 @@ def stages_of(method):
     )
 
 
-ACTION_SPACE = "src/hoi/data/conceptnet/actions.tsv"
+ACTION_SPACE = CONFIG.assets.action_space
 BEHAVE_MINI_ASSETS = [
     "src/hoi/data/body/neutral.npz",
     *(f"src/hoi/data/furniture/{name}.npz" for name in ("chair", "stool", "table", "backpack", "suitcase", "keyboard")),

@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                        help="it does not")  # fmt: skip
     known.add_argument("--like", metavar="CATEGORY", help="contacts and poses of a known category")
     known.add_argument("--detector-label", action="append", default=[], metavar="CLASS",
-                       help="a class of the detector (COCO) that stands for it")  # fmt: skip
+                       help="a class of the detector that stands for it")  # fmt: skip
     parser.add_argument("--config", type=Path, default=Path("config/config.yaml"),
                         help="names the folder and the pose database")  # fmt: skip
     parser.add_argument("--folder", type=Path, help="of own objects [assets.own_objects]")

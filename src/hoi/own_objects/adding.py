@@ -211,13 +211,13 @@ def _described(
 
 
 def _detector_labels(wishes: Wishes) -> tuple[str, ...]:
-    from hoi.detect.labels import COCO80, PERSON, label_weights
+    from hoi.detect.labels import KNOWN, PERSON, label_weights
 
     for label in wishes.detector_labels:
-        if label not in COCO80 or label == PERSON:
+        if label not in KNOWN or label == PERSON:
             raise ConfigError(
                 f"--detector-label {label!r} is no class of the detector; its classes are "
-                + ", ".join(name for name in COCO80 if name != PERSON)
+                + ", ".join(name for name in KNOWN if name != PERSON)
             )
     if wishes.detector_labels or wishes.like is None:
         return wishes.detector_labels

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from hoi.errors import ArtifactError, HoiError
+from hoi.report.actions import actions_layout, is_actions_table
 from hoi.report.detection import detection_layout, is_detection_table
 from hoi.report.photos import is_photos_table, photos_layout
 from hoi.report.tables import LaidOutTable, ablation_layout, as_text, layout, read_results
@@ -37,6 +38,8 @@ def tables_of(path: str) -> tuple[LaidOutTable, ...]:
         raise ArtifactError(f"{path}: not a readable table: {error}") from error
     if is_detection_table(raw):
         return (detection_layout(raw),)
+    if is_actions_table(raw):
+        return (actions_layout(raw),)
     if is_photos_table(raw):
         return (photos_layout(raw),)
     make = ablation_layout if "ablation" in path else layout

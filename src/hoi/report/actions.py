@@ -1,0 +1,169 @@
+"""The page on action recognition: accuracies, confusions, and the nearest poses in pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from hoi.report.config import ReportConfig
+from hoi.report.html import image_url, render, source
+from hoi.report.raycast import Surface, orthographic_rays, shoot
+from hoi.report.tables import DASH, LaidOutTable
+
+COLUMNS = ("category", "poses", "actions", "without_the_pose", "without_its_base_pose",
+           "as_the_paper", "default_action", "always_default")  # fmt: skip
+TILE = (104, 150)  # pixels, width and height
+_SPAN_METRES = 1.95  # that a tile is high
+_SKIN, _OTHER = np.array([120, 165, 214.0]), np.array([190, 190, 196.0])
+_LABEL = 26
+CONFUSION = "Confusion: "
+_YAW_DEGREES = 35.0
+
+
+class Tile(NamedTuple):
+    """One posed body with its caption: vertices (V, 3), y up, front +z."""
+
+    vertices: np.ndarray
+    action: str
+    caption: str
+
+
+class PoseRow(NamedTuple):
+    """A left-out pose, then the poses found for it, the nearest first."""
+
+    tiles: tuple[Tile, ...]
+
+
+def is_actions_table(table: pd.DataFrame) -> bool:
+    """Whether the columns are those of ``results/actions.csv``."""
+    return set(COLUMNS) <= set(table.columns)
+
+
+def actions_layout(table: pd.DataFrame) -> LaidOutTable:
+    """Leave-one-out accuracies for people, an average over categories last."""
+    rows = [
+        (str(row["category"]), _cells({str(key): value for key, value in row.items()}))
+        for row in table.to_dict("records")
+    ]
+    shares = ["without_the_pose", "without_its_base_pose", "as_the_paper", "always_default"]
+    mean = {"poses": table["poses"].sum(), "actions": table["actions"].sum(), "default_action": ""}
+    mean |= {name: table[name].mean() for name in shares}
+    return LaidOutTable(
+        "Recognising actions: every pose of the database looked up among the others",
+        "Share of poses whose nearest other pose shows the same action, in %. Left out is the pose "
+        "itself, or its kind: all variants of the same description, which is harder and nearer to "
+        "a new photo (over actions with another description). As the paper: its kind, and poses "
+        "compared by the rotation vectors of the joints alone. Always default: what answering the "
+        "heaviest ConceptNet action gets right.",
+        "Object",
+        (("", ("poses", "actions")), ("left out", ("itself", "its kind", "as the paper")),
+         ("default", ("action", "always"))),
+        (*rows, ("average", _cells(mean))),
+        len(rows),
+    )  # fmt: skip
+
+
+def confusion_layouts(confusion: pd.DataFrame) -> list[LaidOutTable]:
+    """One table per category: rows are true actions, columns retrieved ones."""
+    layouts = []
+    for category, part in confusion.groupby("category", sort=False):
+        counts = part.pivot(index="action", columns="retrieved", values="count")
+        names = sorted({*counts.index, *counts.columns})
+        counts = counts.reindex(index=names, columns=names)
+        rows = tuple(
+            (name, tuple(DASH if pd.isna(v) else f"{int(v)}" for v in counts.loc[name]))
+            for name in names
+        )
+        layouts.append(
+            LaidOutTable(
+                f"{CONFUSION}{category}",
+                "Rows: what the person does. Columns: what was retrieved. Poses of the same "
+                "description were left out.",
+                "action",
+                (("retrieved", tuple(names)),),
+                rows,
+            )
+        )
+    return layouts
+
+
+def pose_sheet(rows: Sequence[PoseRow], faces: np.ndarray) -> np.ndarray:
+    """(H, W, 3) uint8 picture: a row an action, the left-out pose first; wrong answers in red."""
+    from PIL import Image, ImageDraw
+
+    width, height = TILE
+    columns = max(len(row.tiles) for row in rows)
+    gap = 14  # between the question and its answers
+    sheet = Image.new("RGB", (columns * width + gap, len(rows) * (height + _LABEL)), "white")
+    draw = ImageDraw.Draw(sheet)
+    for line, row in enumerate(rows):
+        top = line * (height + _LABEL)
+        truth = row.tiles[0].action
+        for column, tile in enumerate(row.tiles):
+            left = column * width + (gap if column else 0)
+            base = _SKIN if column < 2 else _OTHER
+            sheet.paste(Image.fromarray(draw_body(tile.vertices, faces, base)), (left, top))
+            wrong = column == 1 and tile.action != truth
+            ink = (190, 30, 30) if wrong else (30, 30, 30) if column < 2 else (120, 120, 120)
+            draw.text((left + 4, top + height), tile.action, fill=ink)
+            draw.text((left + 4, top + height + 12), tile.caption, fill=(120, 120, 120))
+            if wrong:
+                draw.rectangle((left, top, left + width - 2, top + height - 1), outline=ink)
+    return np.asarray(sheet)
+
+
+def draw_body(vertices: np.ndarray, faces: np.ndarray, colour: np.ndarray = _SKIN) -> np.ndarray:
+    """(H, W, 3) uint8 picture of a body from its front left, at the same scale for all."""
+    yaw = np.radians(_YAW_DEGREES)
+    right = np.array([np.cos(yaw), 0.0, -np.sin(yaw)])
+    up = np.array([0.0, 1.0, 0.0])
+    width, height = TILE
+    span = (_SPAN_METRES * width / height, _SPAN_METRES)
+    middle = (vertices.min(0) + vertices.max(0)) / 2
+    rays = orthographic_rays(middle, right, up, span, 2 * width, 2 * height)
+    shot = shoot([Surface(vertices, faces, colour, smooth=True)], rays, supersampling=2)
+    cover = shot.coverage[..., None]
+    return np.clip(shot.colour * cover + 255 * (1 - cover), 0, 255).astype(np.uint8)
+
+
+def actions_page(
+    table: pd.DataFrame,
+    confusion: pd.DataFrame,
+    sheets: Mapping[str, np.ndarray],
+    queries: Mapping[str, Sequence[str]],
+    config: ReportConfig,
+) -> str:
+    """The HTML page.
+
+    Args:
+        table, confusion: what ``results/actions.csv`` and ``actions.confusion.csv`` hold.
+        sheets: category -> picture of :func:`pose_sheet`.
+        queries: category -> search phrases of its action space.
+    """
+    pictures = {
+        name: {"url": image_url(sheet, config), "width": sheet.shape[1], "height": sheet.shape[0]}
+        for name, sheet in sheets.items()
+    }
+    layouts = confusion_layouts(confusion)
+    return render(
+        "actions.html.j2",
+        heading="Actions",
+        style=source("style.css"),
+        accuracy=actions_layout(table),
+        confusions={str(layout.title).removeprefix(CONFUSION): layout for layout in layouts},
+        pictures=pictures,
+        queries=queries,
+    )
+
+
+def _cells(row: Mapping[str, object]) -> tuple[str, ...]:
+    shares = ("without_the_pose", "without_its_base_pose", "as_the_paper", "always_default")
+    first, second, third, last = (
+        DASH if pd.isna(row[name]) else f"{100 * float(str(row[name])):.1f}"  # type: ignore[arg-type]
+        for name in shares
+    )
+    default = "" if pd.isna(row["default_action"]) else str(row["default_action"])
+    return str(row["poses"]), str(row["actions"]), first, second, third, default or DASH, last
