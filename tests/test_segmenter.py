@@ -162,6 +162,22 @@ def test_where_the_network_finds_nothing_colour_decides():
     assert not source.startswith("segmenter") and found.any()
 
 
+def test_a_person_mask_that_fills_the_box_is_withheld():
+    shown = []
+
+    def watched(image, box, person, margin):
+        shown.append(float(person.max()))
+        return np.ones(image.shape[:2], np.float32)
+
+    image, _ = ball_on_grass()
+    stage = Segmenter(SegmenterConfig(), watched, GrabCut(DetectConfig().grabcut, 0.5))
+    for column in (140, 190):  # the person covers 40 %, then over 80 % of the box
+        pose = nobody(image.shape[:2])
+        pose.probability[:, :column] = 1
+        stage(image, (100, 60, 200, 180), pose, seed=0)
+    assert shown == [1.0, 0.0]
+
+
 def test_the_source_says_whether_colour_had_a_say(network):
     image, mask = ball_on_grass()
     colours = GrabCut(DetectConfig().grabcut, 0.5)

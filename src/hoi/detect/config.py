@@ -193,6 +193,12 @@ class SegmenterConfig(Settings):
     context: float = Field(
         default=0.2, ge=0, description="Surroundings GrabCut sees, as a share of the box side."
     )
+    swallowed: float = Field(
+        default=0.5,
+        ge=0,
+        description="A person mask that covers this share of the object's box has swallowed the "
+        "object and is withheld from the network (chosen on the tuning split); over 1: never.",
+    )
     minimum_fill: float = Field(
         default=0.02,
         ge=0,

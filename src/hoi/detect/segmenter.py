@@ -24,7 +24,9 @@ class Segmenter:
     """An :class:`hoi.detect.backends.ObjectSegmenter`.
 
     Sources it reports: ``segmenter``; ``segmenter_grabcut`` where GrabCut settled the unsure
-    pixels; and those of `fallback`, which answers where the network finds next to nothing.
+    pixels; and those of `fallback`, which answers where the network finds next to nothing. A person
+    mask that fills the box is not shown to the network: pose models swallow what people hug, wear
+    and ride.
     """
 
     def __init__(self, config: SegmenterConfig, network: MaskNetwork, fallback: ObjectSegmenter):
@@ -35,7 +37,7 @@ class Segmenter:
     def __call__(
         self, image: np.ndarray, box: Box, pose: PersonPose, seed: int
     ) -> tuple[np.ndarray, str]:
-        probability = self._network(image, box, pose.probability, self.config.margin)
+        probability = self.probability(image, box, pose)
         mask = probability > self.config.threshold
         window = pixel_window(box, *image.shape[:2])
         needed = max(self.config.minimum_fill * mask[window].size, 1.0)
@@ -46,6 +48,15 @@ class Segmenter:
             if settled[window].sum() >= needed:
                 return settled, "segmenter_grabcut"
         return mask, "segmenter"
+
+    def probability(self, image: np.ndarray, box: Box, pose: PersonPose) -> np.ndarray:
+        """(H, W) what the network says of every pixel."""
+        window = pixel_window(box, *image.shape[:2])
+        share = float((pose.probability[window] > 0.5).mean()) if image[window].size else 0.0
+        person = pose.probability
+        if share >= self.config.swallowed:
+            person = np.zeros_like(person)
+        return self._network(image, box, person, self.config.margin)
 
 
 def refined(

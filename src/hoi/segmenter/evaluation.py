@@ -26,7 +26,7 @@ from hoi.segmenter.pictures import Picture, load_picture
 from hoi.segmenter.runtime import MaskNetwork
 
 log = logging.getLogger(__name__)
-METHODS = ("grabcut", "network", "network_grabcut", "shipped")
+METHODS = ("grabcut", "network", "network_grabcut", "segmenter")
 
 
 def mask_iou(first: np.ndarray, second: np.ndarray) -> float:
@@ -56,8 +56,7 @@ class Evaluator:
         self._boxes = NanoDet(self.config.nanodet, models_dir)
         self._pose = BlazePose(self.config.blazepose, models_dir)
         self._colours = GrabCut(self.config.grabcut, self.config.blazepose.visible)
-        self._network = MaskNetwork(weights)
-        self._shipped = Segmenter(self.config.segmenter, self._network, self._colours)
+        self._stage = Segmenter(self.config.segmenter, MaskNetwork(weights), self._colours)
 
     def measure(self, image: np.ndarray, truth: np.ndarray, person: np.ndarray) -> dict:
         """IoU of every method in one picture, with the box that they started from.
@@ -78,12 +77,12 @@ class Evaluator:
 
     def _masks(self, image: np.ndarray, box: Box, pose: PersonPose) -> dict[str, np.ndarray]:
         settings = self.config.segmenter
-        probability = self._network(image, box, pose.probability, settings.margin)
+        probability = self._stage.probability(image, box, pose)
         return {
             "grabcut": self._colours(image, box, pose, 0)[0],
             "network": probability > settings.threshold,
             "network_grabcut": refined(image, box, probability, settings, 0),
-            "shipped": self._shipped(image, box, pose, 0)[0],
+            "segmenter": self._stage(image, box, pose, 0)[0],
         }
 
     def _detect(self, image: np.ndarray, person: Box | None) -> list[tuple[str, float, Box]]:
