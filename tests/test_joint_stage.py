@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from hoi.artifacts import GroundTruth, Joint
+from hoi.artifacts import Contact, ContactSet, GroundTruth, Joint
 from hoi.body import DEFAULT_BODY
 from hoi.errors import ConfigError, FrameFailure
 from hoi.exemplars import save_library
 from hoi.joint.config import JointConfig
 from hoi.joint.stage import JointStage, touching
+from hoi.joint.ways import ways_of
 from joint_scene import METHODS, body_model, box_chair, method_config, sitting_scene
 
 QUICK = {"optimiser": "adam", "iterations": 15, "learning_rate": 1e-2}
@@ -190,3 +191,55 @@ def test_an_oracle_takes_the_true_body_or_the_best_hypothesis(library):
     assert choice.exemplar == "box"  # the true chair has no arms
     with pytest.raises(ConfigError, match="needs the truth"):
         run(scene, library, method_config("true_choice"))
+
+
+# ------------------------------------------------------------------- alternative contact sets
+
+
+def with_sets(scene, **changes):
+    """The scene's prior with wrong contacts listed, and the right ones as an alternative."""
+    right = scene.prior.retrieved
+    wrong = [Contact(object_part="chair_back", body_part="left_foot")]
+    sets = [
+        ContactSet(name="as listed", contacts=wrong, probability=0.5),
+        ContactSet(name="seated", contacts=right.contacts, probability=0.4),
+        ContactSet(name="nothing", contacts=[], probability=0.1),
+    ]
+    listed = right.model_copy(update={"contacts": wrong, "alternatives": sets} | changes)
+    scene.prior = scene.prior.model_copy(update={"retrieved": listed})
+    return scene
+
+
+def test_a_right_alternative_wins_over_wrong_listed_contacts(library):
+    config = method_config("ours", contact_sets="alternatives", order_weight=0.0)
+    result = run(with_sets(sitting_scene(second=True)), library, config)
+    assert result.selected is not None
+    sets = result.hypothesis_contacts
+    assert list(dict.fromkeys(sets)) == ["", "seated", "nothing"]  # equal sets are tried once
+    assert len(sets) == len(result.hypothesis_exemplars) == 6
+    assert sets[result.selected] in ("seated", "nothing")
+    alone = run(with_sets(sitting_scene(second=True)), library, method_config("ours"))
+    true = sitting_scene(second=True).true_vertices.mean(0)
+
+    def error(joint):
+        return float(np.linalg.norm(joint.object_vertices.mean(0) - true))
+
+    assert error(result) < error(alone)
+
+
+def test_methods_that_take_the_listed_contacts_do_not_see_the_alternatives(library):
+    config = method_config("ours", fast=QUICK)
+    without = run(with_sets(sitting_scene(), alternatives=[]), library, config)
+    assert run(with_sets(sitting_scene()), library, config).to_bytes() == without.to_bytes()
+    tried = method_config("ours", fast=QUICK, contact_sets="alternatives")
+    same = run(with_sets(sitting_scene(), alternatives=[]), library, tried)
+    assert same.to_bytes() == without.to_bytes() and same.hypothesis_contacts == []
+
+
+def test_the_probability_of_a_way_is_that_of_action_and_set():
+    interaction = with_sets(sitting_scene()).prior.retrieved.model_copy(update={"probability": 0.5})
+    ways = ways_of(interaction, "alternatives")
+    assert [way.name for way in ways] == ["", "seated", "nothing"]
+    assert [way.interaction.probability for way in ways] == [0.5, 0.2, 0.05]
+    assert ways[2].interaction.contacts == []
+    assert [way.interaction for way in ways_of(interaction, "one")] == [interaction]

@@ -147,6 +147,11 @@ class JointConfig(Settings):
         description="paper: every listed pair, object part to body part [3.4]; recipe: body part "
         "to the nearest of the parts it may touch",
     )
+    contact_sets: Literal["one", "alternatives"] = Field(
+        default="one",
+        description="one: the listed contacts of an action, as in the paper; alternatives: also "
+        "each other set that the prior holds, and selection decides",
+    )
     opposing_normals: bool = Field(default=True, description="[3.4] only opposing surfaces touch")
     human_scale: Literal["fixed", "free"] = Field(default="fixed", description="[3.4] free")
     schedule: Literal["fast", "paper"] = "fast"

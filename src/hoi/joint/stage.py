@@ -42,6 +42,7 @@ from hoi.joint.select import (
 )
 from hoi.joint.signed_distance import surface_distance
 from hoi.joint.terms import Placement
+from hoi.joint.ways import Way, ways_of
 
 
 class JointStage:
@@ -91,11 +92,15 @@ class JointStage:
         )
         library = self._library(inputs.category)
         solutions = []
-        for interaction in interactions(prior, config.action):
-            problem = build_problem(config, inputs, interaction, library, self.regions, seed)
+        for way in [
+            way
+            for interaction in interactions(prior, config.action)
+            for way in ways_of(interaction, config.contact_sets)
+        ]:
+            problem = build_problem(config, inputs, way.interaction, library, self.regions, seed)
             order = self._order_cost(inputs, problem) if config.depth_order_weight > 0 else None
             optimum = minimise(problem, config.terms, config.chosen_schedule, order)
-            solutions.append(self._solution(interaction, inputs, problem, optimum))
+            solutions.append(self._solution(way, inputs, problem, optimum))
         told = truth if config.oracle == "choice" else None
         return self._result(frame.frame_id, inputs, solutions, told)
 
@@ -121,9 +126,7 @@ class JointStage:
 
         return cost
 
-    def _solution(
-        self, interaction: Interaction, inputs: Inputs, problem: Problem, optimum: Optimum
-    ) -> Solution:
+    def _solution(self, way: Way, inputs: Inputs, problem: Problem, optimum: Optimum) -> Solution:
         """What selection and artifact need of all hypotheses under one interaction."""
         config, exemplars = self.config, problem.object.exemplars
         with torch.no_grad():
@@ -139,7 +142,8 @@ class JointStage:
             self.regions.faces, inputs, config.order_resolution, config.order_tolerance,
         )  # fmt: skip
         return Solution(
-            interaction=interaction,
+            interaction=way.interaction,
+            contact_set=way.name,
             problem=problem,
             optimum=optimum,
             objects=objects,
@@ -209,6 +213,9 @@ class JointStage:
             ),
             hypothesis_exemplars=[e.name for s in solutions for e in s.problem.object.exemplars],
             hypothesis_actions=[s.interaction.action for s in solutions for _ in s.total],
+            hypothesis_contacts=[s.contact_set for s in solutions for _ in s.total]
+            if any(s.contact_set for s in solutions)
+            else [],
             hypothesis_terms=terms,
             selected=selected,
             selection_rule=rule_text(
@@ -229,9 +236,11 @@ class Solution:
         human_scale: (K,).
         total: (K,) final loss, infinite where the object reaches behind the camera.
         violation: (K,) of the occlusion order. iou, scale: (K,) of silhouette and object.
+        contact_set: name of the alternative that was tried; empty: the listed contacts.
     """
 
     interaction: Interaction
+    contact_set: str
     problem: Problem
     optimum: Optimum
     objects: list[np.ndarray]
