@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -156,6 +156,36 @@ class RunConfig(Settings):
 
 def load_config(path: Path | str) -> RunConfig:
     """Read a configuration file; raises ConfigError when it is not there or not usable."""
+    return load_configs([path])
+
+
+def load_configs(
+    paths: Sequence[Path | str], overrides: Mapping[str, Any] | None = None
+) -> RunConfig:
+    """Read several files as Snakemake does: settings of later ones go before earlier ones.
+
+    Args:
+        paths: at least one file.
+        overrides: settings that go before all files.
+
+    Raises ConfigError when a file is not there or the whole is not usable.
+    """
+    values: dict[str, Any] = {}
+    for path in paths:
+        _update(values, _settings_in(path))
+    _update(values, overrides or {})
+    return read_config(values, ", ".join(map(str, paths)))
+
+
+def _update(values: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    for key, value in changes.items():
+        if isinstance(value, Mapping) and isinstance(values.get(key), dict):
+            _update(values[key], value)
+        else:
+            values[key] = value
+
+
+def _settings_in(path: Path | str) -> dict[str, Any]:
     try:
         values = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError as error:
@@ -164,7 +194,7 @@ def load_config(path: Path | str) -> RunConfig:
         raise ConfigError(f"{path}: not readable as YAML: {error}") from error
     if not isinstance(values, dict):
         raise ConfigError(f"{path}: expected settings by name, found {type(values).__name__}")
-    return read_config(values, str(path))
+    return values
 
 
 def read_config(values: Mapping[str, Any], origin: str = "config/config.yaml") -> RunConfig:

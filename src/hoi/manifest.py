@@ -91,7 +91,7 @@ def _behave(config: RunConfig, group: str) -> list[FrameInfo]:
 
     root = config.behave_root
     refs = behave.list_frames(root, group, config.split, config.behave)
-    refs = _thinned(refs, config.frames)
+    refs = thinned(refs, config.frames)
     with FileDigests(Path(config.memo) / "digests.json") as digests:
         return [
             _info(
@@ -147,7 +147,7 @@ def _info(ref: behave_layout.FrameRef, dataset: str, digest: str) -> FrameInfo:
     return FrameInfo(ref.frame_id, dataset, ref.category, ref.object_name, ref.action, digest)
 
 
-def _thinned(
+def thinned(
     refs: list[behave_layout.FrameRef], per_action: int | str
 ) -> list[behave_layout.FrameRef]:
     """At most `per_action` frames of each action, spread evenly; all of them for ``all``."""
@@ -190,7 +190,7 @@ class FileDigests:
     def _one(self, path: Path) -> str:
         stat = os.stat(path)
         stamp = [stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino]
-        key = str(path.resolve())
+        key = os.path.abspath(path)
         if self.known.get(key, [None])[0] != stamp:
             self.known[key] = [stamp, file_digest(path)]
             self.changed = True

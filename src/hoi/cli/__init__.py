@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from hoi.errors import HoiError
 
 COMMANDS: dict[str, tuple[str, str]] = {
+    "check-data": ("hoi.cli.check_data", "say what data is there, missing and odd, before a run"),
     "reconstruct": ("hoi.cli.reconstruct", "photos of people with objects -> 3D scenes"),
     "add-object": ("hoi.cli.add_object", "prepare a mesh of your own for photos that show it"),
     "show": ("hoi.cli.show", "print result tables in the paper's layout"),

@@ -6,6 +6,7 @@ in the later papers on this data set. The world is the frame of the colour camer
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 from collections.abc import Callable
@@ -42,15 +43,24 @@ def sequence_info(root: Path | str, sequence: str) -> SequenceInfo:
     a path that leaves the data set.
     """
     root = Path(root)
-    date, subject = parse_sequence(sequence)[:2]
     path = info_file(root, sequence)
-    if not path.is_file():
+    try:
+        stamp = path.stat()
+    except (OSError, ValueError):
+        date, subject = parse_sequence(sequence)[:2]
         return SequenceInfo(gender_of(subject), _poses(root, date), _intrinsics_folder(root))
+    return _info(root, sequence, (stamp.st_mtime_ns, stamp.st_size, stamp.st_ino))
+
+
+@functools.lru_cache(maxsize=1024)  # every file of every frame of a sequence asks for it
+def _info(root: Path, sequence: str, stamp: tuple[int, int, int]) -> SequenceInfo:
+    path = info_file(root, sequence)
+    date, subject = parse_sequence(sequence)[:2]
     content = _read_json(path, "sequence_info_unreadable")
     gender = content.get("gender") or gender_of(subject)
     if gender not in ("male", "female", "neutral"):
         raise FrameFailure(
-            "sequence_info_unreadable", f"{sequence}/info.json: gender is {gender!r}"
+            "sequence_info_unreadable", f"{sequence}/info.json, key 'gender': {gender!r}"
         )
     return SequenceInfo(
         gender,

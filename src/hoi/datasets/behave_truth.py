@@ -183,7 +183,7 @@ def _stored_person(root: Path | str, ref: FrameRef, config: BehaveConfig) -> _Pe
                 f"{ref.frame_id} has person_fit.pkl but no person_fit.ply; its parameters need "
                 "SMPL-H: set behave.smplh",
             )
-        return _posed_person(root, ref, config, _person_parameters(stored))
+        return _posed_person(root, ref, config, person_parameters(stored))
     mesh = read_mesh(stored)
     described = stored.with_name("person_fit.json")
     if described.is_file():
@@ -269,7 +269,7 @@ def _size(path: Path) -> tuple[int, int]:
 
 
 def _posed_person(
-    root: Path | str, ref: FrameRef, config: BehaveConfig, fit: Fit | _Parameters
+    root: Path | str, ref: FrameRef, config: BehaveConfig, fit: Fit | Parameters
 ) -> _Person:
     """The body that SMPL-H parameters describe."""
     from hoi.body.smplh import SMPL_JOINTS
@@ -292,7 +292,7 @@ def _joints_of_parameters(
 
     Moved, so that the joints are right whichever root convention the parameters follow.
     """
-    posed = _posed_person(root, ref, config, _person_parameters(path))
+    posed = _posed_person(root, ref, config, person_parameters(path))
     assert posed.joints is not None
     if posed.mesh.vertices.shape != mesh.vertices.shape:
         raise FrameFailure(
@@ -319,16 +319,18 @@ def _model(path: Path) -> SmplhModel:
     return SmplhModel.load(path)
 
 
-class _Parameters(NamedTuple):
+class Parameters(NamedTuple):
+    """SMPL-H parameters of one body: pose (156,) radians, betas (10,), trans (3,) metres."""
+
     pose: np.ndarray
     betas: np.ndarray
     trans: np.ndarray
 
 
-def _person_parameters(path: Path) -> _Parameters:
-    """``person_fit.pkl``: pose (156,), betas (10,), trans (3,)."""
+def person_parameters(path: Path) -> Parameters:
+    """``person_fit.pkl``; raises FrameFailure ground_truth_unreadable."""
     found = _numbers(path, {"pose": _POSE_LENGTH, "betas": 10, "trans": 3})
-    return _Parameters(found["pose"], found["betas"], found["trans"])
+    return Parameters(found["pose"], found["betas"], found["trans"])
 
 
 def _numbers(path: Path, lengths: dict[str, int]) -> dict[str, np.ndarray]:
