@@ -1,12 +1,14 @@
 """The object segmenter: shipped weights, geometry of its crops, its place in the detect stage."""
 
 import gzip
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
 from hoi.detect.backends import PersonPose
+from hoi.detect.boxes import mask_box
 from hoi.detect.config import DetectConfig, SegmenterConfig
 from hoi.detect.grabcut import GrabCut
 from hoi.detect.segmenter import Segmenter, object_segmenter_of, refined
@@ -21,7 +23,10 @@ from hoi.segmenter.crops import (
     picture_crop,
 )
 from hoi.segmenter.files import halved, load_model, widened
+from hoi.segmenter.pictures import load_picture
 from hoi.segmenter.runtime import DEFAULT_WEIGHTS, MaskNetwork
+
+RENDERS = Path(__file__).parent / "data" / "segmenter"
 
 
 @pytest.fixture(scope="module")
@@ -185,3 +190,24 @@ def test_the_source_says_whether_colour_had_a_say(network):
         stage = Segmenter(SegmenterConfig(refine=refine), network, colours)
         found, source = stage(image, (92, 62, 208, 178), nobody(mask.shape), seed=0)
         assert source == name and overlap(found, mask) > 0.85
+
+
+# ------------------------------------------------------------------------- held-out renders
+
+
+def test_on_held_out_renders_it_is_far_better_than_colour_alone(network):
+    config = DetectConfig()
+    colours = GrabCut(config.grabcut, config.blazepose.visible)
+    stage = Segmenter(config.segmenter, network, colours)
+    scores = []
+    for file in sorted(RENDERS.glob("*.npz")):
+        picture = load_picture(file)
+        truth = picture.owner == picture.number_of("main")
+        person = cv2.resize(picture.person.astype(np.float32) / 255, truth.shape[::-1])
+        pose = nobody(truth.shape)
+        pose.probability[:] = person
+        masks = [method(picture.image, mask_box(truth), pose, 0)[0] for method in (stage, colours)]
+        scores.append([overlap(mask, truth) for mask in masks])
+    ours, grabcut = np.mean(scores, axis=0)
+    assert len(scores) == 3
+    assert ours > 0.75 and ours > grabcut + 0.15, (ours, grabcut)
