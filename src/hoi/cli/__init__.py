@@ -17,6 +17,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "check-data": ("hoi.cli.check_data", "say what data is there, missing and odd, before a run"),
     "reconstruct": ("hoi.cli.reconstruct", "photos of people with objects -> 3D scenes"),
     "add-object": ("hoi.cli.add_object", "prepare a mesh of your own for photos that show it"),
+    "detection": ("hoi.cli.detection", "how well people and objects are found on labelled photos"),
     "show": ("hoi.cli.show", "print result tables in the paper's layout"),
 }
 

@@ -12,6 +12,7 @@ from hoi.artifacts import OK, Detection, Frame
 from hoi.detect.boxes import longer_side, mask_box, overlap
 from hoi.detect.config import DetectConfig
 from hoi.detect.counts import CORRECT_IOU, detection_counts
+from hoi.detect.oks import keypoint_similarity
 
 ALL = "all"
 
@@ -27,11 +28,13 @@ def detection_table(pairs: Iterable[tuple[Frame, Detection]], config: DetectConf
         One row per category, and ``all``: ``n`` frames, ``person_found`` (a person's box was
         chosen), ``object_right`` (the stage came through and its object's box overlaps the given
         object mask's by IoU 0.5), ``failed`` and ``failures`` (statuses with their counts),
-        ``person_iou`` and ``object_iou`` (mean IoU of the masks, 0 where the frame failed is left
-        out), ``keypoint_error_px`` and ``keypoint_error`` (median distance of the keypoints that
-        both sides are sure of; the second as a share of the person's longer side), and for every
-        threshold of :func:`hoi.detect.counts.detection_counts` the frames with a person's box
-        (``person@0.9``), an object's (``object@0.9``) and a right one (``right@0.9``).
+        ``person_iou`` and ``object_iou`` (mean IoU of the masks over the frames that came
+        through), ``object_box_iou`` (the same of the chosen box), ``keypoint_oks`` (mean object
+        keypoint similarity), ``keypoint_error_px`` and ``keypoint_error`` (median distance of the
+        keypoints that both sides are sure of; the second as a share of the person's longer side),
+        and for every threshold of :func:`hoi.detect.counts.detection_counts` the frames with a
+        person's box (``person@0.9``), an object's (``object@0.9``) and a right one
+        (``right@0.9``).
     """
     pairs = list(pairs)
     rows = pd.DataFrame([_frame_row(frame, found, config) for frame, found in pairs])
@@ -59,6 +62,8 @@ def _frame_row(frame: Frame, found: Detection, config: DetectConfig) -> dict[str
         "right": False,
         "person_iou": np.nan,
         "object_iou": np.nan,
+        "box_iou": np.nan,
+        "oks": np.nan,
         "error_px": np.nan,
         "error": np.nan,
     }
@@ -68,11 +73,15 @@ def _frame_row(frame: Frame, found: Detection, config: DetectConfig) -> dict[str
     if frame.given_object_mask is not None and found.object_mask is not None:
         given = mask_box(frame.given_object_mask)
         box = (*(float(side) for side in found.object_box),)
+        row["box_iou"] = overlap(box, given)
         row["right"] = overlap(box, given) >= CORRECT_IOU
-        row["object_iou"] = _mask_iou(found.object_mask, frame.given_object_mask)
+        row["object_iou"] = mask_iou(found.object_mask, frame.given_object_mask)
     if frame.given_person_mask is not None and found.person_mask is not None:
-        row["person_iou"] = _mask_iou(found.person_mask, frame.given_person_mask)
+        row["person_iou"] = mask_iou(found.person_mask, frame.given_person_mask)
     if frame.given_keypoints is not None and found.keypoints is not None:
+        if frame.given_person_mask is not None:
+            area = float(frame.given_person_mask.sum())
+            row["oks"] = keypoint_similarity(found.keypoints, frame.given_keypoints, area)
         sure = (
             np.minimum(frame.given_keypoints[:, 2], found.keypoints[:, 2])
             >= config.keypoint_threshold
@@ -85,7 +94,8 @@ def _frame_row(frame: Frame, found: Detection, config: DetectConfig) -> dict[str
     return row
 
 
-def _mask_iou(first: np.ndarray, second: np.ndarray) -> float:
+def mask_iou(first: np.ndarray, second: np.ndarray) -> float:
+    """Intersection over union of two (H, W) bool masks, 0 for two empty ones."""
     union = (first | second).sum()
     return float((first & second).sum() / union) if union else 0.0
 
@@ -101,6 +111,8 @@ def _summary(category: object, rows: pd.DataFrame) -> dict[str, object]:
         "failures": "; ".join(f"{status} {n}" for status, n in failures.most_common()),
         "person_iou": rows["person_iou"].mean(),
         "object_iou": rows["object_iou"].mean(),
+        "object_box_iou": rows["box_iou"].mean(),
+        "keypoint_oks": rows["oks"].mean(),
         "keypoint_error_px": rows["error_px"].mean(),
         "keypoint_error": rows["error"].mean(),
     }

@@ -149,6 +149,16 @@ class DetectStage:
         except FrameFailure as failure:
             raise DetectionFailure(frame.frame_id, failure, candidates) from failure
 
+    def pose_of(self, frame: Frame, found: Detection) -> PersonPose | None:
+        """The pose read in the person's box that was found, else in the labelled person's."""
+        box = None if found.person_box is None else tuple(float(v) for v in found.person_box)
+        if box is None and frame.given_person_mask is not None:
+            box = mask_box(frame.given_person_mask)
+        if self._pose is None or box is None or frame.image is None or frame.intrinsics is None:
+            return None
+        x0, y0, x1, y1 = box
+        return self._pose(frame.image, (x0, y0, x1, y1), frame.intrinsics)
+
     def _own_mask(self, frame: Frame, which: Literal["person", "object"]) -> np.ndarray | None:
         """The mask that the frame brings, where it is preferred to a detected one."""
         mask = frame.given_person_mask if which == "person" else frame.given_object_mask

@@ -10,7 +10,8 @@ from hoi.report.tables import DASH, MINI_NOTE, LaidOutTable
 
 COLUMNS = (
     "dataset", "split", "category", "n", "person_found", "object_right", "failed", "failures",
-    "person_iou", "object_iou", "keypoint_error_px", "keypoint_error",
+    "person_iou", "object_iou", "object_box_iou", "keypoint_oks", "keypoint_error_px",
+    "keypoint_error",
 )  # fmt: skip
 
 
@@ -26,7 +27,8 @@ def detection_layout(table: pd.DataFrame) -> LaidOutTable:
         ("", ("n",)),
         ("found, %", ("person", "object")),
         ("mask IoU", ("person", "object")),
-        ("keypoints", ("px", "%")),
+        ("box IoU", ("object",)),
+        ("keypoints", ("OKS", "px", "%")),
         *((f"{_threshold(t)}, %", ("person", "object", "right")) for t in thresholds),
     )
     records: list[dict[str, Any]] = [
@@ -36,11 +38,12 @@ def detection_layout(table: pd.DataFrame) -> LaidOutTable:
     dataset, split = (str(table[key].iloc[0]) for key in ("dataset", "split"))
     caption = (
         "Found: frames in which the detectors choose a person, and the right object, whose box "
-        "overlaps that of the data set's own mask by IoU 0.5 or more. Mask IoU and keypoints: "
-        "mean IoU with the given masks, and median distance to the given keypoints in pixels and "
-        "as a share of the person's longer side, over the frames that came through. Last columns: "
-        "frames with any box of the person's and of the object's class, and any right one, at a "
-        "score; 0.9 and 0.6 are the paper's thresholds, ours are lower."
+        "overlaps that of the data set's own mask by IoU 0.5 or more. Over the frames that came "
+        "through: mean IoU with the given masks and with the object's box; COCO's object keypoint "
+        "similarity (OKS), and the median distance to the given keypoints in pixels and as a share "
+        "of the person's longer side. Last columns: frames with any box of the person's and of the "
+        "object's class, and any right one, at a score; 0.9 and 0.6 are the paper's thresholds, "
+        "ours are lower."
     )
     failures = [
         f"{row['category']}: {row['failures']}"
@@ -56,6 +59,35 @@ def detection_layout(table: pd.DataFrame) -> LaidOutTable:
     )
 
 
+def masks_layout(table: pd.DataFrame, dataset: str) -> LaidOutTable:
+    """Mean IoU of each way to cut out the object, per category and kind of box.
+
+    Args:
+        table: of :func:`hoi.detect.mask_methods.mask_table`.
+        dataset: its name, for the title.
+    """
+    methods = [name for name in table.columns if name not in ("category", "box", "n")]
+    records = table.to_dict("records")
+    rows = tuple(
+        (
+            f"{row['category']}, {row['box']}",
+            (str(row["n"]), *(_number(row[name], 3) for name in methods)),
+        )
+        for row in records
+    )
+    groups = (
+        ("", ("n",)),
+        ("mean IoU", tuple(str(name).replace("_", " ") for name in methods)),
+    )
+    first = next((i for i, row in enumerate(records) if row["category"] == "all"), None)
+    caption = (
+        "IoU of the object's mask with the labelled one, by the way it is cut out of its box: the "
+        "box that the detectors chose, whether it is the right one or not, and the labelled "
+        "mask's own. A box that was not found is left out."
+    )
+    return LaidOutTable(f"{dataset}: object masks", caption, "Category, box", groups, rows, first)
+
+
 def _threshold(name: str) -> str:
     return name if name == "ours" else f"≥ {name}"
 
@@ -68,6 +100,8 @@ def _cells(row: dict[str, Any], thresholds: list[str]) -> tuple[str, ...]:
         _rate(row["object_right"], n),
         _number(row["person_iou"], 2),
         _number(row["object_iou"], 2),
+        _number(row["object_box_iou"], 2),
+        _number(row["keypoint_oks"], 2),
         _number(row["keypoint_error_px"], 1),
         _number(100 * row["keypoint_error"], 1),
         *(

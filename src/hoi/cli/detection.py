@@ -1,0 +1,79 @@
+"""``hoi detection``: how well people and objects are found on labelled photos."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+from hoi.config import load_config
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Where the labelled photos are, and what to write."""
+    parser.add_argument("folder", type=Path, help="photos with labels.csv (docs/detection.md)")
+    parser.add_argument("--config", type=Path, default=Path("config/config.yaml"))
+    parser.add_argument("--models", type=Path, default=Path("resources/models"))
+    parser.add_argument("--out", type=Path, help="folder for detection.csv, masks.csv, photos.csv")
+    parser.add_argument("--no-masks", action="store_true", help="do not compare ways to cut out")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the tables; fetches the model files where they are not there yet."""
+    import pandas as pd
+
+    from hoi.artifacts import Detection, Frame
+    from hoi.datasets.labelled import read_labelled
+    from hoi.detect.agreement import detection_table
+    from hoi.detect.mask_methods import compare_masks, mask_methods, mask_table
+    from hoi.detect.models import fetch_models
+    from hoi.detect.stage import DetectStage
+    from hoi.errors import FrameFailure
+    from hoi.report.detection import detection_layout, masks_layout
+    from hoi.report.tables import as_text
+
+    config = load_config(arguments.config)
+    settings = config.detect_photos.model_copy(update={"masks": "registry"})
+    fetch_models(arguments.models, settings.needed_models)
+    stage = DetectStage(settings, arguments.models)
+    methods = {} if arguments.no_masks else mask_methods(settings)
+    photos: list[dict[str, object]] = []
+    masks: list[dict[str, object]] = []
+
+    def looked() -> Iterator[tuple[Frame, Detection]]:
+        for frame in read_labelled(arguments.folder):
+            try:
+                found = stage(frame, config.seed)
+            except FrameFailure as failure:
+                found = getattr(failure, "artifact", None) or Detection.failed(
+                    frame.frame_id, failure, "detect"
+                )
+            photos.append(
+                {
+                    "photo": frame.source,
+                    "category": frame.category,
+                    "status": found.status,
+                    "object_mask": found.object_mask_source,
+                    "detail": found.detail,
+                }
+            )
+            pose = stage.pose_of(frame, found) if methods else None
+            if pose is not None:
+                masks.extend(compare_masks(frame, found, pose, methods, config.seed))
+            print(f"{frame.source}: {found.status}", flush=True)
+            yield frame, found
+
+    table = detection_table(looked(), settings)
+    table.insert(0, "dataset", arguments.folder.name)
+    table.insert(1, "split", "labelled")
+    print("\n" + as_text(detection_layout(table)))
+    if masks:
+        print("\n" + as_text(masks_layout(mask_table(masks), arguments.folder.name)))
+    if arguments.out is not None:
+        arguments.out.mkdir(parents=True, exist_ok=True)
+        table.to_csv(arguments.out / "detection.csv", index=False, float_format="%.3f")
+        pd.DataFrame(photos).to_csv(arguments.out / "photos.csv", index=False)
+        if masks:
+            mask_table(masks).to_csv(arguments.out / "masks.csv", index=False, float_format="%.3f")
+        print(f"\nwritten to {arguments.out}")
+    return 0

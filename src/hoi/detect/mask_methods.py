@@ -1,0 +1,94 @@
+"""Which way of cutting out the object agrees best with labelled masks, box given or found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+import pandas as pd
+
+from hoi.artifacts import Detection, Frame
+from hoi.detect.agreement import ALL, mask_iou
+from hoi.detect.backends import Box, ObjectSegmenter, PersonPose
+from hoi.detect.boxes import mask_box, pixel_window
+from hoi.detect.config import DetectConfig
+
+#: Where the box comes from: the detectors chose it, or it is the labelled mask's own.
+FOUND, TRUE = "found box", "true box"
+
+
+def mask_methods(config: DetectConfig) -> dict[str, ObjectSegmenter]:
+    """The ways to compare: the box itself, the box without the person, colour, the network."""
+    from hoi.detect.segmenter import object_segmenter_of
+
+    colour = object_segmenter_of(config.model_copy(update={"object_masks": "grabcut"}))
+    raw = config.segmenter.model_copy(update={"refine": False})
+    network = config.model_copy(update={"object_masks": "segmenter", "segmenter": raw})
+    settled = config.model_copy(update={"object_masks": "segmenter"})
+    return {
+        "whole_box": _box,
+        "box_minus_person": _box_minus_person,
+        "grabcut": colour,
+        "network": object_segmenter_of(network),
+        "network_grabcut": object_segmenter_of(settled),
+    }
+
+
+def compare_masks(
+    frame: Frame,
+    found: Detection,
+    pose: PersonPose,
+    methods: Mapping[str, ObjectSegmenter],
+    seed: int,
+) -> list[dict[str, object]]:
+    """One row per method and box: ``photo``, ``category``, ``box``, ``method``, ``iou``.
+
+    Args:
+        frame: with its labelled object mask.
+        found: what the stage said of it; a failed one is compared with the true box only.
+        pose: of the frame's person.
+        methods: see :func:`mask_methods`.
+        seed: for methods that draw random numbers.
+    """
+    truth, image = frame.given_object_mask, frame.image
+    assert truth is not None and image is not None
+    boxes: dict[str, Box] = {TRUE: mask_box(truth)}
+    if found.object_box is not None:
+        x0, y0, x1, y1 = (float(side) for side in found.object_box)
+        boxes[FOUND] = (x0, y0, x1, y1)
+    return [
+        {
+            "photo": frame.frame_id,
+            "category": frame.category,
+            "box": kind,
+            "method": name,
+            "iou": mask_iou(segment(image, box, pose, seed)[0], truth),
+        }
+        for kind, box in boxes.items()
+        for name, segment in methods.items()
+    ]
+
+
+def mask_table(rows: Iterable[dict[str, object]]) -> pd.DataFrame:
+    """Mean IoU: a row per category (and ``all``) and kind of box, a column per method; ``n``."""
+    table = pd.DataFrame(rows, columns=["photo", "category", "box", "method", "iou"])
+    table = pd.concat([table, table.assign(category=ALL)], ignore_index=True)
+    groups = table.groupby(["category", "box"], sort=False)
+    counts = groups["photo"].nunique().rename("n")
+    means = table.pivot_table(
+        index=["category", "box"], columns="method", values="iou", aggfunc="mean", sort=False
+    )
+    return counts.to_frame().join(means).reset_index()
+
+
+def _box(image: np.ndarray, box: Box, pose: PersonPose, seed: int) -> tuple[np.ndarray, str]:
+    mask = np.zeros(image.shape[:2], bool)
+    mask[pixel_window(box, *image.shape[:2])] = True
+    return mask, "box"
+
+
+def _box_minus_person(
+    image: np.ndarray, box: Box, pose: PersonPose, seed: int
+) -> tuple[np.ndarray, str]:
+    mask, _ = _box(image, box, pose, seed)
+    return mask & (pose.probability <= 0.5), "box_minus_person"
