@@ -18,9 +18,9 @@ import numpy as np
 
 from hoi.artifacts import Frame
 from hoi.body.keypoints import FROM_BODY25, FROM_COCO17, convert_keypoints
-from hoi.datasets.pictures import open_image, read_mask
 from hoi.datasets.photos import PhotoRef, read_photo
 from hoi.datasets.photos_config import PhotosConfig
+from hoi.datasets.pictures import open_image, read_mask
 from hoi.errors import ConfigError, FrameFailure
 
 LABELS_FILE = "labels.csv"
