@@ -203,10 +203,18 @@ class Hints(Record):
     action: str = ""  # what the person does; goes before the retrieved action
 
 
-class Frame(Artifact):
-    """One photo with its camera, and what the data set itself says is in it.
+class Instance(Record):
+    """One thing that another system segmented, as COCO names it."""
 
-    `keypoints` are in the order of :data:`hoi.body.keypoints.KEYPOINTS`: x, y, confidence.
+    label: str
+    score: float
+
+
+class Frame(Artifact):
+    """One photo with its camera, and what the data set or another system says is in it.
+
+    Keypoints are in the order of :data:`hoi.body.keypoints.KEYPOINTS`: x, y, confidence. Of
+    several instances, people and poses the stages choose.
     """
 
     required_when_ok = ("image", "intrinsics")
@@ -223,6 +231,16 @@ class Frame(Artifact):
     given_object_mask: Mask | None = None
     given_keypoints: Array("float32", None, 3) | None = None  # type: ignore[valid-type]
     hints: Hints = Hints()
+    # results of other systems, see hoi.readers: what -> format
+    given_by: dict[str, str] = {}
+    given_instances: list[Instance] = []
+    given_instance_masks: Array("bool", None, None, None) | None = None  # type: ignore[valid-type]
+    given_people: Array("float32", None, 21, 3) | None = None  # type: ignore[valid-type]
+    # SMPL poses, axis-angle in the camera frame, the root first; and their shapes
+    given_poses: Array("float64", None, 24, 3) | None = None  # type: ignore[valid-type]
+    given_betas: Array("float64", None, None) | None = None  # type: ignore[valid-type]
+    # contact probability of every vertex of the body model
+    given_contacts: Array("float32", None) | None = None  # type: ignore[valid-type]
 
 
 class GroundTruth(Artifact):

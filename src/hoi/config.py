@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import yaml
 from pydantic import Field, PositiveInt, ValidationError, model_validator
@@ -20,6 +20,7 @@ from hoi.exemplars.config import ExemplarsConfig
 from hoi.joint.config import JointConfig
 from hoi.objectfit.config import ObjectFitConfig
 from hoi.priors.config import PriorsConfig, StudyConfig
+from hoi.readers.config import DataSet, OtherSystems
 from hoi.report.config import ReportConfig
 from hoi.segmenter.config import SegmenterRecipe
 from hoi.settings import Settings
@@ -38,7 +39,10 @@ class AssetsConfig(Settings):
         default=DEFAULT_BODY_MODEL, description="SMPL .pkl or .npz, or the embedded CC0 body"
     )
     pose_database: str = Field(default=POSE_DATABASE, description="labelled poses (npz)")
-    action_space: str = Field(default=ACTION_SPACE, description="edges of ConceptNet (tsv)")
+    action_space: str = Field(
+        default=ACTION_SPACE,
+        description="what objects are used for (tsv); `hoi conceptnet` makes one from the dump",
+    )
     own_objects: str = Field(
         default="my_objects", description="folder that `hoi add-object` fills; need not exist"
     )
@@ -81,6 +85,9 @@ class RunConfig(Settings):
     photos: PhotosConfig = PhotosConfig()
     assets: AssetsConfig = AssetsConfig()
     exemplars: ExemplarsConfig = ExemplarsConfig()
+    other_systems: dict[DataSet, OtherSystems] = Field(
+        default={}, description="files of other systems, by data set: docs/other_systems.md"
+    )
     detect: DetectConfig = DetectConfig()
     detect_photos: DetectConfig = DetectConfig(masks="prefer_given", keypoints="registry")
     segmenter: SegmenterRecipe = Field(
@@ -117,9 +124,25 @@ class RunConfig(Settings):
                     f"methods.{name}.joint.camera: {joint}, but its search {method.search!r} "
                     f"believes in {searched}"
                 )
+        self._contacts_are_used()
         if self.dataset == "behave" and not self.behave.root:
             raise ValueError("behave.root: dataset is behave, so the folder must be named")
         return self
+
+    def _contacts_are_used(self) -> None:
+        """Files of contacts per vertex need a method that takes them, and the other way round."""
+        named = [d for d, systems in self.other_systems.items() if systems.contacts is not None]
+        takers = [m for m in self.methods if self.joint_settings(m).contact == "vertices"]
+        if named and not takers:
+            raise ValueError(
+                f"other_systems.{named[0]}.contacts: no method takes them; "
+                "set methods.<name>.joint.contact: vertices"
+            )
+        if takers and not named:
+            raise ValueError(
+                f"methods.{takers[0]}.joint.contact: vertices needs their files, "
+                "other_systems.<data set>.contacts"
+            )
 
     @property
     def dataset_name(self) -> str:
@@ -150,8 +173,19 @@ class RunConfig(Settings):
         """How people and objects are found: photos bring no masks, data sets do."""
         from hoi.detect.strong.selection import resolved
 
-        config = self.detect_photos if dataset == "photos" else self.detect
-        return config if config.masks == "given" else resolved(config)
+        settings = self.detect_photos if dataset == "photos" else self.detect
+        others = self.systems_for(dataset)
+        given: dict[str, Any] = {}
+        if others.masks is not None:
+            given["masks"] = "given"
+        if others.keypoints is not None:
+            given["keypoints"] = "given"
+        settings = settings.model_copy(update=given)
+        return settings if settings.masks == "given" else resolved(settings)
+
+    def systems_for(self, dataset: str) -> OtherSystems:
+        """The files of other systems that one data set's frames take."""
+        return self.other_systems.get(cast(DataSet, dataset), OtherSystems())
 
 
 def load_config(path: Path | str) -> RunConfig:

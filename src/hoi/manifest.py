@@ -21,13 +21,17 @@ from hoi.errors import FrameFailure
 from hoi.exemplars.categories import known_categories
 from hoi.exemplars.vocabulary import exemplar_category
 from hoi.own_objects.description import own_objects, with_own_categories
+from hoi.readers.config import OtherSystems
+from hoi.readers.paths import FrameNames, behave_names
 
 PHOTOS = "photos"
+BEHAVE_MINI_ROOT = "resources/behave_mini"
 
 
 @dataclass(frozen=True)
 class FrameInfo:
-    """One frame, known before it is read. `digest` stands for the content of its raw files."""
+    """One frame, known before it is read. `digest` stands for the content of its raw files,
+    `others` for that of the files in which other systems say something of it."""
 
     frame_id: str
     dataset: str
@@ -35,6 +39,7 @@ class FrameInfo:
     object_name: str
     action: str
     digest: str
+    others: str = ""
 
     def labels(self) -> dict[str, str]:
         """What the tables say of the frame, also when a stage fails on it."""
@@ -83,7 +88,11 @@ def _behave_mini(config: RunConfig, group: str) -> list[FrameInfo]:
 
     settings = config.behave_mini_settings
     # generated from settings and code alone; their digests reach the rule as parameters
-    return [_info(ref, "behave_mini", "") for ref in plan_frames(settings, group, config.split)]
+    with FileDigests(Path(config.memo) / "digests.json") as digests:
+        return [
+            _info(ref, "behave_mini", "", _others_of(config, "behave_mini", ref, digests))
+            for ref in plan_frames(settings, group, config.split)
+        ]
 
 
 def _behave(config: RunConfig, group: str) -> list[FrameInfo]:
@@ -98,6 +107,7 @@ def _behave(config: RunConfig, group: str) -> list[FrameInfo]:
                 ref,
                 "behave",
                 digests.of(_raw_files(root, ref, config.behave)),
+                _others_of(config, "behave", ref, digests),
             )
             for ref in refs
         ]
@@ -131,6 +141,7 @@ def _photos(config: RunConfig) -> list[FrameInfo]:
                 object_name=ref.category,
                 action="",
                 digest=_noted(digests.of(photos.photo_files(folder, ref)), ref.notes),
+                others=_others(config, PHOTOS, FrameNames(ref.frame_id, ref.file), folder, digests),
             )
             for ref in photos.list_photos(config.photos)
         ]
@@ -143,8 +154,31 @@ def _noted(digest: str, notes: PhotoNotes) -> str:
     return json_digest([digest, said]) if said else digest
 
 
-def _info(ref: behave_layout.FrameRef, dataset: str, digest: str) -> FrameInfo:
-    return FrameInfo(ref.frame_id, dataset, ref.category, ref.object_name, ref.action, digest)
+def _info(ref: behave_layout.FrameRef, dataset: str, digest: str, others: str) -> FrameInfo:
+    return FrameInfo(
+        ref.frame_id, dataset, ref.category, ref.object_name, ref.action, digest, others
+    )
+
+
+def _others_of(
+    config: RunConfig, dataset: str, ref: behave_layout.FrameRef, digests: FileDigests
+) -> str:
+    released = dataset == "behave"
+    root = config.behave_root if released else Path(BEHAVE_MINI_ROOT)
+    kinect = config.behave.kinect if released else 1
+    names = behave_names(ref.frame_id, ref.sequence, ref.time, kinect)
+    return _others(config, dataset, names, root, digests)
+
+
+def _others(
+    config: RunConfig, dataset: str, names: FrameNames, root: Path, digests: FileDigests
+) -> str:
+    """Digest of the other systems' files of one frame, empty when none are named."""
+    systems = config.systems_for(dataset)
+    if systems == OtherSystems():
+        return ""
+    # one by one: files of several systems may share their names
+    return json_digest([digests.of([path]) for path in systems.files(names, root)])
 
 
 def thinned(

@@ -34,6 +34,11 @@ def reader_settings(wildcards):
     return CONFIG.behave.model_dump(mode="json", exclude={"dates", "every", "frame_list"})
 
 
+def other_systems(dataset):
+    """Files of other systems that are laid into the frames of a data set."""
+    return {"other_systems": CONFIG.systems_for(dataset).model_dump(mode="json")}
+
+
 rule frames:
     # BEHAVE, real or embedded: one reader
     input:
@@ -47,7 +52,7 @@ rule frames:
         dataset="behave|behave_mini",
     params:
         frames=lambda wildcards: chunk_settings(chunk_named(wildcards.chunk)),
-        identity=identity("frames", {}),
+        identity=lambda wildcards: identity("frames", other_systems(wildcards.dataset)),
         reader=reader_settings,
     message:
         "Reading the frames of {wildcards.chunk} ({wildcards.dataset})"
@@ -69,7 +74,8 @@ def photo_settings(wildcards):
             "detect": with_labels(CONFIG.detect_photos, OWN_OBJECTS).model_dump(mode="json"),
             "categories": list(KNOWN_CATEGORIES),
         }
-    return {"photos": CONFIG.photos.model_dump(mode="json"), "naming": naming}
+    photos = CONFIG.photos.model_dump(mode="json")
+    return {"photos": photos, "naming": naming} | other_systems("photos")
 
 
 rule photos:

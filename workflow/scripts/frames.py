@@ -1,7 +1,6 @@
 """Read the frames of a chunk, and their ground truth, from BEHAVE's layout."""
 
 import json
-from functools import partial
 from pathlib import Path
 
 from chunk_job import logged
@@ -10,9 +9,12 @@ from hoi.artifacts import Frame, GroundTruth
 from hoi.chunks import write_chunk
 from hoi.datasets.behave import read_frame, read_ground_truth
 from hoi.datasets.behave_config import BehaveConfig
-from hoi.datasets.behave_layout import parse_frame_id
+from hoi.datasets.behave_layout import FrameRef, parse_frame_id
 from hoi.digest import json_digest
 from hoi.memo import Memo
+from hoi.readers.attach import attach
+from hoi.readers.config import OtherSystems
+from hoi.readers.paths import behave_names
 
 config = BehaveConfig(**snakemake.params.reader)
 root = Path(config.root).expanduser()
@@ -28,13 +30,24 @@ reader = config.model_dump(include={"kinect", "smplh_root"}) | {
     "smplh": bool(config.smplh),
     "fits_30fps": bool(config.fits_30fps),
 }
+others = OtherSystems(**snakemake.params.identity["settings"]["other_systems"])
+
+
+def read_with_others(root: Path, ref: FrameRef, config: BehaveConfig) -> Frame:
+    frame = read_frame(root, ref, config, dataset=dataset)
+    if others == OtherSystems():
+        return frame
+    names = behave_names(ref.frame_id, ref.sequence, ref.time, config.kinect)
+    return attach(frame, others, names, root)
+
+
 memo = Memo(snakemake.config["memo"])
 with logged(snakemake):
     for name, kind, read, index, seconds in (
         (
             "frames",
             Frame,
-            partial(read_frame, dataset=dataset),
+            read_with_others,
             snakemake.output.index,
             snakemake.output.seconds,
         ),

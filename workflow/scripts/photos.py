@@ -12,9 +12,14 @@ from hoi.datasets.photos_config import AUTO, PhotosConfig
 from hoi.digest import json_digest
 from hoi.errors import FrameFailure
 from hoi.memo import Memo
+from hoi.readers.attach import attach, upright_size
+from hoi.readers.config import OtherSystems
+from hoi.readers.paths import FrameNames
 
 settings = snakemake.params.identity["settings"]
 config = PhotosConfig(**settings["photos"])
+others = OtherSystems(**settings["other_systems"])
+folder = Path(config.folder).expanduser()
 photos = {photo.frame_id: photo for photo in list_photos(config)}
 frames = {frame["frame_id"]: frame for frame in snakemake.params.frames}
 
@@ -34,6 +39,9 @@ def read(frame_id: str) -> Frame:
     known = {"category": category, "object_name": photo.category}
     try:
         frame = read_photo(config, photo)
+        if others != OtherSystems():
+            names = FrameNames(frame_id, photo.file)
+            frame = attach(frame, others, names, folder, upright_size(folder / photo.file))
     except FrameFailure as failure:
         told = {"dataset": "photos", "source": photo.file} | known
         return Frame.failed(frame_id, failure, "photos").model_copy(update=told)

@@ -17,7 +17,7 @@ DEFAULT_ACTION_SPACE: Path = Path(__file__).parents[1] / "data" / "conceptnet" /
 """The reviewed edges that come with the package."""
 
 RELATIONS = ("UsedFor", "RelatedTo", "Given")  # Given: the owner of an object says so
-_COLUMNS = ("category", "noun", "relation", "phrase", "weight", "action")
+COLUMNS = ("category", "noun", "relation", "phrase", "weight", "action")
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,8 @@ def load_action_space(path: Path | str, min_weight: float = 1.0) -> ActionSpace:
     try:
         with open(path, newline="", encoding="utf-8") as stream:
             reader = csv.DictReader(stream, delimiter="\t", quoting=csv.QUOTE_NONE)
-            if tuple(reader.fieldnames or ()) != _COLUMNS:
-                raise AssetError(f"{path}: its columns must be {', '.join(_COLUMNS)}")
+            if tuple(reader.fieldnames or ()) != COLUMNS:
+                raise AssetError(f"{path}: its columns must be {', '.join(COLUMNS)}")
             for row in reader:
                 edges.append(_edge(path, reader.line_num, row))
     except FileNotFoundError:
@@ -72,10 +72,10 @@ def load_action_space(path: Path | str, min_weight: float = 1.0) -> ActionSpace:
 
 
 def _edge(path: Path | str, line: int, row: dict[str, str | None]) -> Edge:
-    empty = [column for column in _COLUMNS if not row.get(column)]
+    empty = [column for column in COLUMNS if not row.get(column)]
     if empty:
         raise AssetError(f"{path}, line {line}: {', '.join(empty)} is empty")
-    values = {column: str(row[column]) for column in _COLUMNS}
+    values = {column: str(row[column]) for column in COLUMNS}
     if values["relation"] not in RELATIONS:
         raise AssetError(f"{path}, line {line}: relation {values['relation']!r} is not used here")
     try:

@@ -18,6 +18,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "reconstruct": ("hoi.cli.reconstruct", "photos of people with objects -> 3D scenes"),
     "add-object": ("hoi.cli.add_object", "prepare a mesh of your own for photos that show it"),
     "detection": ("hoi.cli.detection", "how well people and objects are found on labelled photos"),
+    "conceptnet": ("hoi.cli.conceptnet", "make the action space from ConceptNet's dump"),
     "show": ("hoi.cli.show", "print result tables in the paper's layout"),
 }
 

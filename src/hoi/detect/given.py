@@ -1,10 +1,12 @@
-"""What the data set itself says: its masks and keypoints, checked before they are used."""
+"""What the data set or another system says: masks and keypoints, checked before they are used."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from hoi.artifacts import Frame
+from hoi.detect.backends import Box, DetectedBox
+from hoi.detect.boxes import mask_box
 from hoi.errors import FrameFailure
 
 
@@ -40,11 +42,52 @@ def given_mask(
     return mask
 
 
-def given_keypoints(frame: Frame) -> np.ndarray:
-    """(21, 3) keypoints of the data set. Raises FrameFailure ``no_keypoints``."""
+def given_keypoints(frame: Frame, person_mask: np.ndarray) -> np.ndarray:
+    """(21, 3) keypoints that the data set or another system gives.
+
+    Of several people, the one with most of its confidence on the person's mask. Raises
+    FrameFailure ``no_keypoints``.
+    """
+    if frame.given_people is not None:
+        return _person_on_mask(frame.given_people, person_mask)
     if frame.given_keypoints is None:
         raise FrameFailure(
             "no_keypoints",
             "the data set gives no keypoints for this frame; keypoints: registry detects them",
         )
     return frame.given_keypoints
+
+
+def _person_on_mask(people: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    if not len(people):
+        raise FrameFailure("no_keypoints", "the keypoint file of this frame shows nobody")
+    height, width = mask.shape
+    column, row = np.floor(people[..., :2]).astype(np.int64).transpose(2, 0, 1)
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    on_mask = inside & mask[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+    confidence = people[..., 2].astype(np.float64)
+    # where nobody is on the mask, the surest person
+    score = (confidence * on_mask).sum(axis=1) + 1e-3 * confidence.sum(axis=1)
+    return people[score.argmax()]
+
+
+def instance_boxes(frame: Frame) -> list[DetectedBox]:
+    """What another system segmented, as boxes in the order of the frame's instances.
+
+    Raises FrameFailure ``mask_size_mismatch``.
+    """
+    assert frame.image is not None
+    masks = frame.given_instance_masks
+    if masks is None or len(masks) != len(frame.given_instances):
+        raise FrameFailure("masks_unreadable", "instances and masks of this frame do not pair up")
+    if masks.shape[1:] != frame.image.shape[:2]:
+        raise FrameFailure(
+            "mask_size_mismatch",
+            f"the instances have {masks.shape[2]} x {masks.shape[1]} pixels, "
+            f"the image {frame.image.shape[1]} x {frame.image.shape[0]}",
+        )
+    empty: Box = (0.0, 0.0, 0.0, 0.0)
+    return [
+        DetectedBox(item.label, item.score, mask_box(mask) if mask.any() else empty, "given")
+        for item, mask in zip(frame.given_instances, masks, strict=True)
+    ]

@@ -19,10 +19,10 @@ from hoi.detect.backends import (
     PoseEstimator,
 )
 from hoi.detect.boxes import mask_box
-from hoi.detect.choice import Choice, object_failure, person_failure
+from hoi.detect.choice import Choice, choose, object_failure, person_failure
 from hoi.detect.config import DetectConfig
 from hoi.detect.finding import PairFinder
-from hoi.detect.given import given_keypoints, given_mask
+from hoi.detect.given import given_keypoints, given_mask, instance_boxes
 from hoi.detect.labels import USER, label_weights
 from hoi.detect.models import require_models
 from hoi.detect.strong.from_box import load_from_box
@@ -128,6 +128,8 @@ class DetectStage:
         """
         image = frame.image
         assert image is not None  # a frame that is ok has one
+        if self._find is None and frame.given_instances:
+            return self._from_instances(frame, image, seed)
         if self._find is None:
             return self._describe(frame, image, self._given_subjects(frame), seed)
         person, thing = self._own_mask(frame, "person"), self._own_mask(frame, "object")
@@ -171,6 +173,30 @@ class DetectStage:
         person = given_mask(frame, "person", frame.given_person_mask, pixels)
         thing = given_mask(frame, "object", frame.given_object_mask, pixels)
         return _Subjects(mask_box(person), mask_box(thing), person_mask=person, object_mask=thing)
+
+    def _from_instances(self, frame: Frame, image: np.ndarray, seed: int) -> Detection:
+        """The pair among what another system segmented, by the same rule as among boxes."""
+        boxes = instance_boxes(frame)
+        config = self.config.for_category(frame.category)
+        choice = choose(boxes, self._weights(frame), config, frame.hints)
+        candidates = choice.candidates(boxes)
+        masks = frame.given_instance_masks
+        assert masks is not None  # instance_boxes has looked
+
+        def mask_of(chosen: DetectedBox | None, which: str) -> np.ndarray:
+            index = next(i for i, box in enumerate(boxes) if box is chosen)
+            return given_mask(frame, which, masks[index], config.minimum_mask_pixels)
+
+        try:
+            subjects = self._detected_subjects(frame, boxes, choice, candidates)
+            subjects = replace(
+                subjects,
+                person_mask=mask_of(choice.person, "person"),
+                object_mask=mask_of(choice.object, "object"),
+            )
+            return self._describe(frame, image, subjects, seed)
+        except FrameFailure as failure:
+            raise DetectionFailure(frame.frame_id, failure, candidates) from failure
 
     def _detected_subjects(
         self, frame: Frame, people: list[DetectedBox], choice: Choice, candidates: list[Candidate]
@@ -216,7 +242,7 @@ class DetectStage:
         elif object_source != "given":
             object_mask = object_mask & ~person_mask
             self._require(object_mask, "object")
-        keypoints, keypoints_source = self._keypoints(frame, pose)
+        keypoints, keypoints_source = self._keypoints(frame, pose, person_mask)
         seen = subjects.object if subjects.object_mask is None else None
         if seen is not None and seen.source == USER:
             seen = None
@@ -268,9 +294,11 @@ class DetectStage:
         self._require(mask, "object")
         return mask, source
 
-    def _keypoints(self, frame: Frame, pose: PersonPose | None) -> tuple[np.ndarray, str]:
+    def _keypoints(
+        self, frame: Frame, pose: PersonPose | None, person_mask: np.ndarray
+    ) -> tuple[np.ndarray, str]:
         if self.config.keypoints == "given":
-            keypoints, source = given_keypoints(frame), "given"
+            keypoints, source = given_keypoints(frame, person_mask), "given"
         elif pose is None:
             raise FrameFailure("no_keypoints", "the pose model sees nobody in the person's box")
         else:

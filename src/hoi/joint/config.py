@@ -142,10 +142,17 @@ class JointConfig(Settings):
         description="the method: loss terms and weights. [3.4] contact 1, normal .01, "
         "penetration .01, object_scale and human_scale .01, reprojection .0005",
     )
-    contact: Literal["paper", "recipe"] = Field(
+    contact: Literal["paper", "recipe", "vertices"] = Field(
         default="recipe",
         description="paper: every listed pair, object part to body part [3.4]; recipe: body part "
-        "to the nearest of the parts it may touch",
+        "to the nearest of the parts it may touch; vertices: contact probability per body vertex "
+        "from files, see other_systems",
+    )
+    contact_threshold: float = Field(
+        default=0.5, gt=0, le=1, description="vertices: probability from which a vertex touches"
+    )
+    contact_patches: PositiveInt = Field(
+        default=8, description="vertices: at most so many patches of skin, the largest"
     )
     contact_sets: Literal["one", "alternatives"] = Field(
         default="one",

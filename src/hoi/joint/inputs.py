@@ -25,6 +25,7 @@ class Inputs:
         exemplars: K names; rotations: (K, 3, 3), translations: (K, 3) at library size, best first.
         roi: square region around the object.
         category: noun whose library and contact rules apply.
+        given_contacts: (V,) contact probability per body vertex from another system, or None.
         size: metres of the extent that `size_axis` (longest, height) names.
     """
 
@@ -40,6 +41,7 @@ class Inputs:
     category: str
     size: float
     size_axis: str
+    given_contacts: np.ndarray | None = None
 
     @classmethod
     def gather(
@@ -84,6 +86,7 @@ class Inputs:
             category=objects.category or prior.category or frame.category,
             size=float(prior.size_m),
             size_axis=prior.size_axis,
+            given_contacts=frame.given_contacts,
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from hoi.errors import FrameFailure
 from hoi.exemplars import Exemplar, sample_parts
 from hoi.geometry import matrix_to_rotation_6d
 from hoi.joint.config import JointConfig
+from hoi.joint.contact_patches import given_patches, patch_pairs
 from hoi.joint.contacts import ContactPair, paper_pairs, recipe_pairs, usable_contacts
 from hoi.joint.correspondence import PairTable, pair_table
 from hoi.joint.inputs import Inputs
@@ -115,6 +117,12 @@ class BodyRegions:
     def names(self) -> tuple[str, ...]:
         return tuple(self.part_faces)
 
+    def with_faces(self, faces_of: dict[str, np.ndarray]) -> BodyRegions:
+        """These regions and others, given by their faces."""
+        more = copy(self)
+        more.part_faces = self.part_faces | faces_of
+        return more
+
     def sample(
         self, vertices: np.ndarray, region: str, count: int, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -145,7 +153,10 @@ def build_problem(
     chosen = choose_hypotheses(inputs.exemplars, config.max_hypotheses, config.poses_per_exemplar)
     exemplars = _exemplars([inputs.exemplars[i] for i in chosen], library, inputs.category)
     geometry = _object_geometry(exemplars, config, inputs.size_axis, seed)
-    pairs, skipped = _contact_pairs(config, interaction, geometry, regions)
+    if config.contact == "vertices":
+        regions, pairs, skipped = _given_contact_pairs(config, inputs, geometry, regions)
+    else:
+        pairs, skipped = _contact_pairs(config, interaction, geometry, regions)
     body = _body_geometry(inputs.body_vertices, regions, pairs, config, seed)
     roi, resolution = inputs.roi, config.silhouette_resolution
     return Problem(
@@ -154,7 +165,7 @@ def build_problem(
         body=body,
         contacts=pair_table(pairs, geometry.part_slices, body.slices),
         only_opposing=config.opposing_normals,
-        opposing_first=config.contact == "recipe",
+        opposing_first=config.contact != "paper",
         size=inputs.size,
         human_scale_free=config.human_scale == "free",
         intrinsics=torch.from_numpy(intrinsics_for(roi, inputs.intrinsics, resolution)),
@@ -182,6 +193,22 @@ def _contact_pairs(
     else:
         pairs = recipe_pairs(contacts, config.contact_rule)
     return pairs, skipped + _missing_parts(pairs, geometry)
+
+
+def _given_contact_pairs(
+    config: JointConfig, inputs: Inputs, geometry: ObjectGeometry, regions: BodyRegions
+) -> tuple[BodyRegions, list[ContactPair], list[str]]:
+    """The same from contact probabilities per vertex; the regions gain the touching patches."""
+    patches = given_patches(
+        inputs.given_contacts,
+        regions.faces,
+        len(inputs.body_vertices),
+        config.contact_threshold,
+        config.contact_patches,
+    )
+    pairs = patch_pairs(patches, list(geometry.part_slices))
+    skipped = [] if patches else [f"no vertex reaches contact {config.contact_threshold:g}"]
+    return regions.with_faces({name: faces for name, (faces, _) in patches.items()}), pairs, skipped
 
 
 def _start(inputs: Inputs, chosen: list[int], extent: Tensor) -> Tensor:

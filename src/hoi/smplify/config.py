@@ -5,6 +5,8 @@ numbers here are lengths and angles one can judge, and every weight defaults to 
 (E = E_J + E_theta + E_beta), which prints none.
 """
 
+from typing import Literal
+
 from pydantic import Field
 
 from hoi.settings import Settings
@@ -86,6 +88,12 @@ class SmplifyConfig(Settings):
     )
 
     # starts
+    given: Literal["start", "only_start", "result"] = Field(
+        default="start",
+        description="bodies of other systems (other_systems.<data set>.bodies). start: the fit "
+        "starts from them, too; only_start: from nothing else, as the paper does with PARE's; "
+        "result: joints and shape are kept, only where the body is and faces is fitted",
+    )
     start_poses: int = Field(
         default=10, ge=1, description="database poses to start from, most different"
     )

@@ -12,7 +12,7 @@ from hoi.artifacts import BodyFit, Detection, Frame
 from hoi.body.jacobian import KeypointKinematics
 from hoi.body.model import BodyModel
 from hoi.errors import FrameFailure
-from hoi.geometry import matrix_to_axis_angle
+from hoi.geometry import axis_angle_to_matrix, matrix_to_axis_angle
 from hoi.smplify.config import SmplifyConfig
 from hoi.smplify.energy import Bodies, Energy, Observation
 from hoi.smplify.prior import PosePrior, most_different, read_pose_database
@@ -24,6 +24,9 @@ from hoi.smplify.starts import (
     scale_landmarks,
     solve_translation,
 )
+
+GIVEN = "given:"
+SMPL_VERTICES = 6890
 
 
 class SmplifyStage:
@@ -61,6 +64,8 @@ class SmplifyStage:
         """
         names, starts, energy = self._prepare(frame, detection)
         config = self._config
+        if config.given == "result" and frame.given_poses is not None:
+            return self._given_result(frame.frame_id, names, starts, energy)
         starts, value = minimise(
             energy, starts, config.camera_iterations, config.initial_damping, camera_only=True
         )
@@ -95,10 +100,12 @@ class SmplifyStage:
             first = landmark_start(landmarks, self._rest, num_betas)
             starts = Bodies(*(torch.cat(pair) for pair in zip(first, starts, strict=True)))
             names = ["landmarks", *names]
+        names, starts = self._with_given(frame, names, starts)
         points = self._kinematics(starts.root, starts.body_pose, starts.betas).keypoints
         transl = solve_translation(points, keypoints, confidence, intrinsics)
         starts = starts._replace(transl=transl)
-        depth = transl[:1, 2] if landmarks is not None else transl[:, 2].median()
+        sure = names[0] == "landmarks" or names[0].startswith(GIVEN)
+        depth = transl[:1, 2] if sure else transl[:, 2].median()
         observation = Observation(
             intrinsics=intrinsics,
             keypoints=keypoints,
@@ -115,6 +122,48 @@ class SmplifyStage:
             self._config.keypoint_robust_start_m,
         )
         return names, starts, energy
+
+    def _with_given(
+        self, frame: Frame, names: list[str], starts: Bodies
+    ) -> tuple[list[str], Bodies]:
+        """The starts, with the bodies that another system gives in front or alone."""
+        if frame.given_poses is None or not len(frame.given_poses):
+            return names, starts
+        poses = torch.as_tensor(frame.given_poses)
+        given = Bodies(
+            axis_angle_to_matrix(poses[:, 0]),
+            poses[:, 1:].reshape(len(poses), 69),
+            self._given_betas(frame),
+            torch.zeros(len(poses), 3, dtype=torch.float64),
+        )
+        source = frame.given_by.get("bodies", "file")
+        given_names = [f"{GIVEN}{source}-{number}" for number in range(len(poses))]
+        if self._config.given != "start":
+            return given_names, given
+        both = Bodies(*(torch.cat(pair) for pair in zip(given, starts, strict=True)))
+        return given_names + names, both
+
+    def _given_betas(self, frame: Frame) -> Tensor:
+        """(P, K) shapes of the file where the model is SMPL's, whose shape space they are of."""
+        assert frame.given_poses is not None
+        betas = torch.zeros(len(frame.given_poses), self._model.num_betas, dtype=torch.float64)
+        if frame.given_betas is not None and self._model.num_vertices == SMPL_VERTICES:
+            count = min(betas.shape[1], frame.given_betas.shape[1])
+            betas[:, :count] = torch.as_tensor(frame.given_betas[:, :count])
+        return betas
+
+    def _given_result(
+        self, frame_id: str, names: list[str], bodies: Bodies, energy: Energy
+    ) -> BodyFit:
+        """The given body that explains the keypoints best once it stands where they are.
+
+        It may also turn as a whole: it was seen from a crop, whose camera looks elsewhere.
+        """
+        config = self._config
+        steps = config.camera_iterations + config.coarse_iterations
+        moved, _ = minimise(energy, bodies, steps, config.initial_damping, camera_only=True)
+        best = int(energy.reprojection_error_px(moved).argmin())
+        return self._artifact(frame_id, energy, f"{names[best]}, kept", moved.select([best]))
 
     def _usable_keypoints(self, detection: Detection) -> tuple[Tensor, Tensor]:
         """Pixels (21, 2) and confidence (21,), zero for what does not count."""
@@ -178,9 +227,13 @@ class SmplifyStage:
 def _keep_best(
     names: list[str], bodies: Bodies, value: Tensor, count: int
 ) -> tuple[list[str], Bodies]:
-    """The `count` bodies of lowest energy; a landmark start always stays."""
+    """The `count` bodies of lowest energy; a landmark start always stays in place of the last of
+    them, the best given body beside them."""
     order = torch.sort(value, stable=True).indices.tolist()
     kept = order[:count]
     if "landmarks" in names and names.index("landmarks") not in kept:
         kept[-1] = names.index("landmarks")
+    given = next((i for i in order if names[i].startswith(GIVEN)), None)
+    if given is not None and given not in kept:
+        kept.append(given)
     return [names[index] for index in kept], bodies.select(kept)
