@@ -594,9 +594,7 @@ def test_paths_are_filled_from_the_frame_s_names_and_start_in_the_data_set():
 )
 def test_wrong_settings_say_which_key(values, message):
     with pytest.raises(ConfigError, match=message) as caught:
-        read_config(
-            {"other_systems": {"photos": values}, "tables": NO_TABLES}
-        )
+        read_config({"other_systems": {"photos": values}, "tables": NO_TABLES})
     assert "other_systems.photos" in str(caught.value)
     with pytest.raises(ValidationError):
         OtherSystems(**values)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from hoi.artifacts import Frame
-from hoi.detect.backends import Box, DetectedBox
 from hoi.detect.boxes import mask_box
+from hoi.detect.strong.instances import Instance
 from hoi.errors import FrameFailure
 
 
@@ -71,11 +71,8 @@ def _person_on_mask(people: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return people[score.argmax()]
 
 
-def instance_boxes(frame: Frame) -> list[DetectedBox]:
-    """What another system segmented, as boxes in the order of the frame's instances.
-
-    Raises FrameFailure ``mask_size_mismatch``.
-    """
+def given_instances(frame: Frame) -> list[Instance]:
+    """What another system segmented. Raises FrameFailure ``mask_size_mismatch``."""
     assert frame.image is not None
     masks = frame.given_instance_masks
     if masks is None or len(masks) != len(frame.given_instances):
@@ -86,8 +83,8 @@ def instance_boxes(frame: Frame) -> list[DetectedBox]:
             f"the instances have {masks.shape[2]} x {masks.shape[1]} pixels, "
             f"the image {frame.image.shape[1]} x {frame.image.shape[0]}",
         )
-    empty: Box = (0.0, 0.0, 0.0, 0.0)
     return [
-        DetectedBox(item.label, item.score, mask_box(mask) if mask.any() else empty, "given")
+        Instance(item.label, item.score, mask_box(mask), mask)
         for item, mask in zip(frame.given_instances, masks, strict=True)
+        if mask.any()
     ]

@@ -19,14 +19,18 @@ from hoi.detect.backends import (
     PoseEstimator,
 )
 from hoi.detect.boxes import mask_box
-from hoi.detect.choice import Choice, choose, object_failure, person_failure
+from hoi.detect.choice import Choice, object_failure, person_failure
 from hoi.detect.config import DetectConfig
 from hoi.detect.finding import PairFinder
-from hoi.detect.given import given_keypoints, given_mask, instance_boxes
+from hoi.detect.given import given_instances, given_keypoints, given_mask
 from hoi.detect.labels import USER, label_weights
 from hoi.detect.models import require_models
 from hoi.detect.strong.from_box import load_from_box
-from hoi.detect.strong.instances import load_instances, whole_picture_only
+from hoi.detect.strong.instances import (
+    InstanceSegmentation,
+    load_instances,
+    whole_picture_only,
+)
 from hoi.detect.strong.selection import resolved
 from hoi.errors import FrameFailure
 
@@ -175,24 +179,27 @@ class DetectStage:
         return _Subjects(mask_box(person), mask_box(thing), person_mask=person, object_mask=thing)
 
     def _from_instances(self, frame: Frame, image: np.ndarray, seed: int) -> Detection:
-        """The pair among what another system segmented, by the same rule as among boxes."""
-        boxes = instance_boxes(frame)
-        config = self.config.for_category(frame.category)
-        choice = choose(boxes, self._weights(frame), config, frame.hints)
-        candidates = choice.candidates(boxes)
-        masks = frame.given_instance_masks
-        assert masks is not None  # instance_boxes has looked
-
-        def mask_of(chosen: DetectedBox | None, which: str) -> np.ndarray:
-            index = next(i for i, box in enumerate(boxes) if box is chosen)
-            return given_mask(frame, which, masks[index], config.minimum_mask_pixels)
-
+        """The pair among what another system segmented, by the rule for detected boxes."""
+        segmented = InstanceSegmentation("given", lambda _: given_instances(frame), floor=0.0)
+        config = whole_picture_only(self.config)
+        people, choice = PairFinder(config, {segmented.name: segmented.boxes}, self._pose)(
+            image,
+            frame.intrinsics,
+            frame.category,
+            self._weights(frame),
+            config=config.for_category(frame.category),
+            hints=frame.hints,
+        )
+        candidates = list(choice.candidates)
+        pixels = config.minimum_mask_pixels
         try:
-            subjects = self._detected_subjects(frame, boxes, choice, candidates)
+            subjects = self._detected_subjects(frame, people, choice, candidates)
+            person = segmented.person_mask(image, subjects.person_box)
+            thing = segmented.object_mask(image, subjects.object_box)
             subjects = replace(
                 subjects,
-                person_mask=mask_of(choice.person, "person"),
-                object_mask=mask_of(choice.object, "object"),
+                person_mask=given_mask(frame, "person", person, pixels),
+                object_mask=given_mask(frame, "object", thing, pixels),
             )
             return self._describe(frame, image, subjects, seed)
         except FrameFailure as failure:

@@ -72,6 +72,10 @@ class InstanceSegmentation:
         """The mask of the person in `box`, None where there is none."""
         return self._mask(image, box, person=True)
 
+    def object_mask(self, image: np.ndarray, box: Box) -> np.ndarray | None:
+        """The mask of the thing in `box`, None where there is none."""
+        return self._mask(image, box, person=False)
+
     def object_masks(self, otherwise: ObjectSegmenter) -> ObjectSegmenter:
         """Masks of objects; boxes that no instance has go to `otherwise`."""
 
