@@ -29,6 +29,7 @@ include: "workflow/rules/joint.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/evaluate.smk"
 include: "workflow/rules/accuracy.smk"
+include: "workflow/rules/noise.smk"
 
 
 report: "workflow/report/workflow.rst"
@@ -39,5 +40,6 @@ rule all:
     input:
         "results/behave_chair.csv",
         "results/ablation.csv",
+        "results/priors.csv",
         "results/actions.csv",
         gallery_of("chair"),

@@ -19,7 +19,7 @@ from hoi.evaluate.config import EvaluateConfig
 from hoi.exemplars.config import ExemplarsConfig
 from hoi.joint.config import JointConfig
 from hoi.objectfit.config import ObjectFitConfig
-from hoi.priors.config import PriorsConfig, StudyConfig
+from hoi.priors.config import LookupConfig, PriorsConfig, StudyConfig
 from hoi.readers.config import DataSet, OtherSystems
 from hoi.report.config import ReportConfig
 from hoi.segmenter.config import SegmenterRecipe
@@ -52,6 +52,7 @@ class MethodConfig(Settings):
     """One method of the tables: an object search and a joint optimisation."""
 
     search: str = Field(default="upright", description="a key of objectfit")
+    priors: str = Field(default="", description="a key of prior_variants; empty: the run's priors")
     joint: dict[str, Any] = Field(
         default={}, description="settings of the joint stage, see JointConfig"
     )
@@ -66,6 +67,9 @@ class TablesConfig(Settings):
         description="methods of results/accuracy.csv; the others are compared with the first",
     )
     ablation: tuple[str, ...] = ("no_action", "no_contact", "no_normal", "ours")
+    prior_noise: tuple[str, ...] = Field(
+        default=(), description="results/prior_noise.csv: methods with wrong answers, and without"
+    )
     ablation_group: Literal["chair", "table", "keyboard", "backpack"] = "chair"
 
 
@@ -97,6 +101,9 @@ class RunConfig(Settings):
     objectfit: dict[str, ObjectFitConfig] = Field(default={}, description="named searches")
     actions: ActionsConfig = ActionsConfig()
     priors: PriorsConfig = PriorsConfig()
+    prior_variants: dict[str, LookupConfig] = Field(
+        default={}, description="named other ways to look priors up, for methods and studies"
+    )
     prior_study: StudyConfig = Field(default=StudyConfig(), description="results/priors.csv")
     methods: dict[str, MethodConfig] = Field(default={}, description="named methods")
     tables: TablesConfig = TablesConfig()
@@ -108,6 +115,7 @@ class RunConfig(Settings):
         for table, methods in (
             ("tables.methods", self.tables.methods),
             ("tables.ablation", self.tables.ablation),
+            ("tables.prior_noise", self.tables.prior_noise),
             ("tables.accuracy", self.tables.accuracy),
         ):
             for method in methods:
@@ -117,6 +125,10 @@ class RunConfig(Settings):
             if method.search not in self.objectfit:
                 raise ValueError(
                     f"methods.{name}.search: no search {method.search!r} under `objectfit`"
+                )
+            if method.priors and method.priors not in self.prior_variants:
+                raise ValueError(
+                    f"methods.{name}.priors: no variant {method.priors!r} under `prior_variants`"
                 )
             searched, joint = self.objectfit[method.search].camera, self.joint_settings(name).camera
             if searched != joint:

@@ -79,11 +79,17 @@ def seconds(group, stages):
     ]
 
 
+def priors_of(method):
+    """Where a method's priors are: those of the run, or of a variant."""
+    variant = CONFIG.methods[method].priors
+    return f"priors/{variant}" if variant else "priors"
+
+
 def stages_of(method):
     """The stages whose time one method's result takes, in order."""
     search = CONFIG.methods[method].search
     return (
-        "frames", "detect", "smplify", f"objectfit/{search}", "actions", "priors",
+        "frames", "detect", "smplify", f"objectfit/{search}", "actions", priors_of(method),
         f"joint/{method}",
     )
 
@@ -166,4 +172,5 @@ wildcard_constraints:
     category=r"[a-z_ ]+",
     search=r"\w+",
     method=r"\w+",
+    variant=r"\w+",
     frame=r"[\w.\-]+",

@@ -10,7 +10,9 @@ rule joint:
             f"results/{wildcards.dataset}/objectfit/"
             f"{CONFIG.methods[wildcards.method].search}/{wildcards.chunk}.json"
         ),
-        priors="results/{dataset}/priors/{chunk}.json",
+        priors=lambda wildcards: (
+            f"results/{wildcards.dataset}/{priors_of(wildcards.method)}/{wildcards.chunk}.json"
+        ),
         # an oracle is told the truth, no other method ever sees it
         truth=lambda wildcards: (
             []

@@ -94,3 +94,16 @@ rule priors:
         "logs/{dataset}/priors/{chunk}.log",
     script:
         "../scripts/priors.py"
+
+
+use rule priors as prior_variant with:
+    # the same, looked up in another way: for studies
+    output:
+        index="results/{dataset}/priors/{variant}/{chunk}.json",
+        seconds="results/{dataset}/priors/{variant}/{chunk}.seconds.json",
+    params:
+        identity=lambda wildcards: stage_identity(
+            "priors", CONFIG.prior_variants[wildcards.variant]
+        ),
+    log:
+        "logs/{dataset}/priors/{variant}/{chunk}.log",
