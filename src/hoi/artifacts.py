@@ -464,6 +464,8 @@ class Joint(Artifact):
     body_vertices: Points3 | None = None
     body_joints: Array("float32", 24, 3) | None = None  # type: ignore[valid-type]
     body_model: str = ""
+    body_pose: Array("float64", 69) | None = None  # type: ignore[valid-type]  # refined limbs
+    limb_gaps: dict[str, tuple[float, float]] = {}  # metres before and after their refinement
     contact_vertices: Array("float32", None) | None = None  # type: ignore[valid-type]
     # per hypothesis: the terms of the final loss, what selection saw, the winner
     hypothesis_exemplars: list[str] = []

@@ -98,6 +98,24 @@ class Phosa(Settings):
     )
 
 
+class LimbSettings(Settings):
+    """How far the touching limbs may follow the object, as standard deviations."""
+
+    reach: PositiveFloat = Field(
+        default=0.3, description="metres; a limb farther from the object than this is left alone"
+    )
+    done: float = Field(default=0.01, ge=0, description="metres; a nearer limb touches already")
+    touching_share: float = Field(
+        default=0.2, gt=0, le=1, description="share of a hand's or foot's vertices that touch"
+    )
+    contact_m: PositiveFloat = Field(default=0.03, description="of the touching vertices, metres")
+    keypoint_share: PositiveFloat = Field(
+        default=0.012, description="of a keypoint, as a share of the body's height in the picture"
+    )
+    pose_deg: PositiveFloat = Field(default=10.0, description="of a joint's rotation vector")
+    iterations: PositiveInt = Field(default=25, description="L-BFGS")
+
+
 class JointConfig(Settings):
     """Configuration of the joint stage; `config/config.yaml` has one set per method."""
 
@@ -166,6 +184,11 @@ class JointConfig(Settings):
         optimiser="lbfgs", iterations=40, learning_rate=1e-2, decay=True, depth_grid=57
     )
     paper: Schedule = Schedule()
+    limbs: Literal["fixed", "refined"] = Field(
+        default="fixed",
+        description="refined: at the end the touching arms and legs follow the object",
+    )
+    limb_settings: LimbSettings = LimbSettings()
     contact_rule: ContactRule = ContactRule()
     phosa: Phosa = Phosa()
     max_hypotheses: PositiveInt = Field(
@@ -232,6 +255,8 @@ class JointConfig(Settings):
     def _has_terms(self):
         if not self.terms:
             raise ValueError("terms: a method needs at least one loss term")
+        if self.limbs == "refined" and self.human_scale == "free":
+            raise ValueError("limbs: refined needs human_scale fixed")
         return self
 
     @property

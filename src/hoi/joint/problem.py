@@ -79,6 +79,7 @@ class Problem:
     object: ObjectGeometry
     body: BodyGeometry
     contacts: PairTable
+    pairs: tuple[ContactPair, ...]
     only_opposing: bool
     opposing_first: bool
     size: float
@@ -164,6 +165,7 @@ def build_problem(
         object=geometry,
         body=body,
         contacts=pair_table(pairs, geometry.part_slices, body.slices),
+        pairs=tuple(pairs),
         only_opposing=config.opposing_normals,
         opposing_first=config.contact != "paper",
         size=inputs.size,

@@ -22,15 +22,13 @@ from hoi.artifacts import (
 from hoi.body import BodyModel, part_vertices
 from hoi.errors import ConfigError, FrameFailure
 from hoi.exemplars import Exemplar, load_library
-from hoi.geometry import (
-    chamfer_distance,
-    rotation_6d_to_matrix,
-    sample_surface,
-    similarity_procrustes,
-)
+from hoi.geometry import rotation_6d_to_matrix
 from hoi.joint.config import JointConfig
+from hoi.joint.contacts import ContactPair
 from hoi.joint.inputs import Inputs
+from hoi.joint.limbs import limb_targets, refine_limbs
 from hoi.joint.optimise import DepthCost, Optimum, minimise
+from hoi.joint.oracle import nearest_to_truth, true_body
 from hoi.joint.problem import BodyRegions, Problem, build_problem
 from hoi.joint.select import (
     choose,
@@ -57,7 +55,7 @@ class JointStage:
     def __init__(self, config: JointConfig, body_model: Path, exemplars_dir: Path):
         self.config = config
         self.exemplars_dir = Path(exemplars_dir)
-        model = BodyModel.load(body_model)
+        self.model = model = BodyModel.load(body_model)
         self.body_identity = model.identity
         self.regions = BodyRegions(model.faces, part_vertices(model), model.num_vertices)
         self._libraries: dict[str, list[Exemplar]] = {}
@@ -102,7 +100,12 @@ class JointStage:
             optimum = minimise(problem, config.terms, config.chosen_schedule, order)
             solutions.append(self._solution(way, inputs, problem, optimum))
         told = truth if config.oracle == "choice" else None
-        return self._result(frame.frame_id, inputs, solutions, told)
+        joint = self._result(frame.frame_id, inputs, solutions, told)
+        if config.limbs == "refined":
+            pairs = _locate(solutions, joint.selected or 0)[0].problem.pairs
+            assert detection.keypoints is not None
+            joint = self._with_refined_limbs(joint, body, detection.keypoints, inputs, pairs, seed)
+        return joint
 
     def _library(self, category: str) -> list[Exemplar]:
         if category not in self._libraries:
@@ -125,6 +128,47 @@ class JointStage:
             return config.depth_order_weight * torch.from_numpy(violation).float()
 
         return cost
+
+    def _with_refined_limbs(
+        self,
+        joint: Joint,
+        body: BodyFit,
+        keypoints: np.ndarray,
+        inputs: Inputs,
+        pairs: Sequence[ContactPair],
+        seed: int,
+    ) -> Joint:
+        """The result with arms and legs that reach the object where they are said to touch it."""
+        config = self.config
+        assert joint.object_vertices is not None and joint.object_faces is not None
+        (exemplar,) = [e for e in self._library(inputs.category) if e.name == joint.exemplar]
+        targets = limb_targets(
+            pairs,
+            exemplar,
+            joint.object_vertices,
+            inputs.body_vertices,
+            self.regions.vertices,
+            seed,
+        )
+        refined = refine_limbs(
+            self.model, self.regions.vertices, body, keypoints, inputs.intrinsics, targets,
+            config.limb_settings,
+        )  # fmt: skip
+        if refined is None:
+            return joint
+        touch = touching(
+            refined.vertices, joint.object_vertices, joint.object_faces, config.touch_distance
+        )
+        gaps = {name: (refined.before[name], refined.after[name]) for name in refined.before}
+        return joint.model_copy(
+            update={
+                "body_pose": refined.body_pose,
+                "body_vertices": refined.vertices,
+                "body_joints": refined.joints,
+                "contact_vertices": touch,
+                "limb_gaps": gaps,
+            }
+        )
 
     def _solution(self, way: Way, inputs: Inputs, problem: Problem, optimum: Optimum) -> Solution:
         """What selection and artifact need of all hypotheses under one interaction."""
@@ -250,35 +294,6 @@ class Solution:
     violation: np.ndarray
     iou: np.ndarray
     scale: np.ndarray
-
-
-def true_body(body: BodyFit, truth: GroundTruth) -> BodyFit:
-    """The fit with the true vertices and joints. Raises FrameFailure when the model differs."""
-    if truth.body_model != body.body_model or truth.body_joints is None:
-        raise FrameFailure(
-            "no_correspondence",
-            f"the true body ({truth.body_model or 'unnamed'}) is not the fitted model",
-        )
-    return body.model_copy(update={"vertices": truth.body_vertices, "joints": truth.body_joints})
-
-
-def nearest_to_truth(
-    score: np.ndarray, points: Sequence[np.ndarray], inputs: Inputs, truth: GroundTruth
-) -> int:
-    """Index of the finite hypothesis whose points come nearest to the true object.
-
-    The fitted body is aligned to the true one first, as in the evaluation. Raises FrameFailure when
-    their vertices do not correspond.
-    """
-    assert truth.body_vertices is not None and truth.object_vertices is not None
-    if truth.body_vertices.shape != inputs.body_vertices.shape:
-        raise FrameFailure("no_correspondence", "the true body is not the fitted model")
-    scale, rotation, shift = similarity_procrustes(inputs.body_vertices, truth.body_vertices)
-    true = sample_surface(
-        truth.object_vertices, truth.object_faces, len(points[0]), np.random.default_rng(0)
-    )
-    error = [chamfer_distance(scale * own @ rotation.T + shift, true) for own in points]
-    return int(np.where(np.isfinite(score), error, np.inf).argmin())
 
 
 def interactions(prior: Prior, action: str) -> Sequence[Interaction]:
