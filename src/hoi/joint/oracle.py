@@ -1,4 +1,4 @@
-"""What methods are told that are no results: parts of the truth, to see where the error comes from."""
+"""What methods are told that give no results: parts of the truth, to see what causes the error."""
 
 from __future__ import annotations
 

@@ -151,7 +151,7 @@ class JointStage:
             seed,
         )
         refined = refine_limbs(
-            self.model, self.regions.vertices, body, keypoints, inputs.intrinsics, targets,
+            self.model, regions, body, keypoints, inputs.intrinsics, targets,
             config.limb_settings,
         )  # fmt: skip
         if refined is None:
