@@ -142,13 +142,9 @@ class JointStage:
         config = self.config
         assert joint.object_vertices is not None and joint.object_faces is not None
         (exemplar,) = [e for e in self._library(inputs.category) if e.name == joint.exemplar]
+        regions = self.regions.vertices
         targets = limb_targets(
-            pairs,
-            exemplar,
-            joint.object_vertices,
-            inputs.body_vertices,
-            self.regions.vertices,
-            seed,
+            pairs, exemplar, joint.object_vertices, inputs.body_vertices, regions, seed
         )
         refined = refine_limbs(
             self.model, regions, body, keypoints, inputs.intrinsics, targets,
