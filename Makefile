@@ -17,7 +17,7 @@ help:
 
 demo: setup
 	@echo "== Reconstructing the embedded chairs: the first run generates the photos, fetches the"
-	@echo "== pose model and fits 12 frames with two methods; about ten minutes on two cores."
+	@echo "== pose model and fits 24 frames with two methods; about ten minutes on two cores."
 	$(BIN)/snakemake -j$(JOBS) results/behave_chair.csv
 	@$(BIN)/python -m hoi.report.show results/behave_chair.csv
 
