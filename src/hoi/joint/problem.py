@@ -149,8 +149,13 @@ def build_problem(
     library: Sequence[Exemplar],
     regions: BodyRegions,
     seed: int,
+    field: SignedDistanceGrid | None = None,
 ) -> Problem:
-    """Gather one frame. Raises FrameFailure when the library lacks an exemplar of the fit."""
+    """Gather one frame. Raises FrameFailure when the library lacks an exemplar of the fit.
+
+    `field` is the same body's, where another interaction's problem has it already: a fifth of a
+    second.
+    """
     chosen = choose_hypotheses(inputs.exemplars, config.max_hypotheses, config.poses_per_exemplar)
     exemplars = _exemplars([inputs.exemplars[i] for i in chosen], library, inputs.category)
     geometry = _object_geometry(exemplars, config, inputs.size_axis, seed)
@@ -158,7 +163,7 @@ def build_problem(
         regions, pairs, skipped = _given_contact_pairs(config, inputs, geometry, regions)
     else:
         pairs, skipped = _contact_pairs(config, interaction, geometry, regions)
-    body = _body_geometry(inputs.body_vertices, regions, pairs, config, seed)
+    body = _body_geometry(inputs.body_vertices, regions, pairs, config, seed, field)
     roi, resolution = inputs.roi, config.silhouette_resolution
     return Problem(
         start=_start(inputs, chosen, geometry.extent),
@@ -306,14 +311,14 @@ def _body_geometry(
     pairs: Sequence[ContactPair],
     config: JointConfig,
     seed: int,
+    field: SignedDistanceGrid | None,
 ) -> BodyGeometry:
     rng, count = np.random.default_rng(seed), config.part_points
     used = sorted({name for pair in pairs for name in pair.body_parts})
     samples = [regions.sample(vertices, name, count, rng) for name in used]
     empty = [np.zeros((0, 3), np.float32)]
     feet = [regions.vertices[name] for name in ("left_foot", "right_foot")]
-    field = None
-    if "penetration" in config.terms:
+    if field is None and "penetration" in config.terms:
         grid = config.sdf_grid
         field = body_signed_distance(vertices, regions.faces, grid, config.sdf_margin)
     return BodyGeometry(

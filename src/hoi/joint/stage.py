@@ -89,13 +89,17 @@ class JointStage:
             frame, detection, body, objects, prior, config.roi_margin, config.camera
         )
         library = self._library(inputs.category)
-        solutions = []
+        solutions: list[Solution] = []
+        field = None
         for way in [
             way
             for interaction in interactions(prior, config.action)
             for way in ways_of(interaction, config.contact_sets)
         ]:
-            problem = build_problem(config, inputs, way.interaction, library, self.regions, seed)
+            problem = build_problem(
+                config, inputs, way.interaction, library, self.regions, seed, field
+            )
+            field = problem.body.field
             order = self._order_cost(inputs, problem) if config.depth_order_weight > 0 else None
             optimum = minimise(problem, config.terms, config.chosen_schedule, order)
             solutions.append(self._solution(way, inputs, problem, optimum))
