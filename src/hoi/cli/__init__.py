@@ -15,6 +15,7 @@ from hoi.errors import HoiError
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "check-data": ("hoi.cli.check_data", "say what data is there, missing and odd, before a run"),
+    "export-rhobin": ("hoi.cli.export_rhobin", "results on BEHAVE as RHOBIN's results.pkl"),
     "reconstruct": ("hoi.cli.reconstruct", "photos of people with objects -> 3D scenes"),
     "add-object": ("hoi.cli.add_object", "prepare a mesh of your own for photos that show it"),
     "detection": ("hoi.cli.detection", "how well people and objects are found on labelled photos"),

@@ -211,16 +211,24 @@ def _placed_template(
     """The simplified scan, centred on the mean of its vertices, turned and moved."""
     from scipy.spatial.transform import Rotation
 
-    path = template_file(root, ref.object_name)
+    template = centred_template(root, ref.object_name)
+    turned = template.vertices @ Rotation.from_rotvec(angle).as_matrix().T
+    return _Mesh((turned + trans).astype(np.float32), template.faces)
+
+
+def centred_template(root: Path | str, object_name: str) -> _Mesh:
+    """The simplified scan with the mean of its vertices, as stored, at the origin (float64).
+
+    Raises FrameFailure ground_truth_missing or ground_truth_unreadable.
+    """
+    path = template_file(root, object_name)
     if path is None:
         raise FrameFailure(
-            "ground_truth_missing",
-            f"objects/{ref.object_name} has no simplified scan (*_fNNNN.ply)",
+            "ground_truth_missing", f"objects/{object_name} has no simplified scan (*_fNNNN.ply)"
         )
     template = read_mesh(path)
     vertices = template.vertices.astype(float)
-    turned = (vertices - vertices.mean(axis=0)) @ Rotation.from_rotvec(angle).as_matrix().T
-    return _Mesh((turned + trans).astype(np.float32), template.faces)
+    return _Mesh(vertices - vertices.mean(axis=0), template.faces)
 
 
 def read_mesh(path: Path) -> _Mesh:
