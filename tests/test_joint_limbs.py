@@ -13,7 +13,7 @@ from hoi.joint.limbs import LimbTarget, refine_limbs
 from joint_scene import INTRINSICS, body_model, body_regions
 
 LEVEL = np.array([np.pi, 0, 0])  # upright before a level camera
-SETTINGS = LimbSettings()
+SETTINGS = LimbSettings(pose_deg=10.0)
 
 
 def standing(pose: np.ndarray | None = None) -> BodyFit:

@@ -112,7 +112,7 @@ class LimbSettings(Settings):
     keypoint_share: PositiveFloat = Field(
         default=0.012, description="of a keypoint, as a share of the body's height in the picture"
     )
-    pose_deg: PositiveFloat = Field(default=10.0, description="of a joint's rotation vector")
+    pose_deg: PositiveFloat = Field(default=6.0, description="of a joint's rotation vector")
     iterations: PositiveInt = Field(default=25, description="L-BFGS")
 
 
@@ -186,7 +186,8 @@ class JointConfig(Settings):
     paper: Schedule = Schedule()
     limbs: Literal["fixed", "refined"] = Field(
         default="fixed",
-        description="refined: at the end the touching arms and legs follow the object",
+        description="refined: at the end the touching arms and legs follow the object. On the tuning "
+        "split: body 5.52 -> 5.44 cm, object 10.8 -> 10.9, recall of contacts at 5 cm .44 -> .52",
     )
     limb_settings: LimbSettings = LimbSettings()
     contact_rule: ContactRule = ContactRule()
@@ -257,6 +258,8 @@ class JointConfig(Settings):
             raise ValueError("terms: a method needs at least one loss term")
         if self.limbs == "refined" and self.human_scale == "free":
             raise ValueError("limbs: refined needs human_scale fixed")
+        if self.limbs == "refined" and self.oracle == "body":
+            raise ValueError("limbs: the true body is not refined")
         return self
 
     @property
