@@ -187,7 +187,8 @@ class JointConfig(Settings):
     limbs: Literal["fixed", "refined"] = Field(
         default="fixed",
         description="refined: at the end the touching arms and legs follow the object. On the "
-        "tuning split: body 5.52 -> 5.44 cm, object 10.8 -> 10.9, recall of contacts at 5 cm .44 -> .52",
+        "tuning split: body 5.52 -> 5.44 cm, object 10.8 -> 10.9, contacts recalled at 5 cm "
+        ".44 -> .52",
     )
     limb_settings: LimbSettings = LimbSettings()
     contact_rule: ContactRule = ContactRule()
