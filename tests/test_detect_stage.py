@@ -10,12 +10,13 @@ from hoi.body.keypoints import KEYPOINT
 from hoi.detect import DetectConfig
 from hoi.detect.backends import DetectedBox, PersonPose
 from hoi.detect.boxes import gap, grown, mask_box, overlap, pixel_window
-from hoi.detect.config import EvidenceConfig, GrabCutConfig, LooksConfig
+from hoi.detect.config import EvidenceConfig, GrabCutConfig, LooksConfig, ResegmentConfig
 from hoi.detect.counts import detection_counts, status_counts
 from hoi.detect.evidence import Look, propose
 from hoi.detect.finding import PairFinder
 from hoi.detect.grabcut import GrabCut, draw_skeleton
 from hoi.detect.labels import KNOWN, label_weights
+from hoi.detect.resegment import segment_again, solid_box
 from hoi.detect.stage import DetectionFailure, DetectStage
 from hoi.errors import AssetError, FrameFailure
 
@@ -324,6 +325,57 @@ def test_the_choice_does_not_depend_on_the_order_of_the_boxes():
         for order in (boxes, boxes[::-1], boxes[2:] + boxes[:2])
     }
     assert len(chosen) == 1
+
+
+# ----------------------------------------------------------------------------- segment again
+
+
+def seeing(thing, reach, source="segmenter"):
+    """A segmenter that sees `thing` up to `reach` pixels around the box it is asked with."""
+
+    def segment(image, box, pose, seed):
+        segment.asked.append(box)
+        return thing & filled(grown(box, reach)), source
+
+    segment.asked = []
+    return segment
+
+
+def again(segment, box, **settings):
+    image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    return segment_again(segment, image, box, None, 0, ResegmentConfig(**settings))
+
+
+def test_a_box_of_half_the_thing_grows_to_all_of_it():
+    thing = filled((40, 20, 100, 100))
+    segment = seeing(thing, reach=15)
+    mask, source, box = again(segment, (40, 20, 100, 70))
+    assert box == (40, 20, 100, 100) and source == "segmenter"
+    np.testing.assert_array_equal(mask, thing)
+    assert len(segment.asked) == 3
+    # once is once
+    assert again(seeing(thing, 15), (40, 20, 100, 70), passes=1)[2] == (40, 20, 100, 85)
+
+
+def test_a_box_that_fits_is_asked_once():
+    segment = seeing(filled((40, 20, 100, 100)), reach=15)
+    assert again(segment, (39, 20, 101, 101))[2] == (40, 20, 100, 100)
+    assert len(segment.asked) == 1
+
+
+def test_masks_by_colour_keep_the_detectors_box():
+    segment = seeing(filled((40, 20, 60, 40)), reach=0, source="grabcut")
+    assert again(segment, (30, 10, 100, 100))[2] == (30, 10, 100, 100)
+    assert len(segment.asked) == 1
+
+
+def test_specks_do_not_stretch_the_box():
+    mask = filled((40, 20, 100, 100))
+    mask[5, 150:155] = True
+    assert solid_box(mask, 0.02) == (40, 20, 100, 100)
+    dust = np.zeros((HEIGHT, WIDTH), bool)
+    dust[::10, ::10] = True
+    assert solid_box(dust, 0.02) == mask_box(dust)
 
 
 # ------------------------------------------------------------------------ evidence, contact

@@ -68,7 +68,7 @@ class EvidenceConfig(Settings):
     )
     faintest: float = Field(default=0.01, gt=0, description="Fainter votes do not count.")
     same_place: float = Field(
-        default=0.5, gt=0, le=1, description="Boxes that overlap so much (IoU) are one proposal."
+        default=0.45, gt=0, le=1, description="Boxes that overlap so much (IoU) are one proposal."
     )
     border: float = Field(
         default=0.02, ge=0, description="A box that ends so near a look's border is cut off there."
@@ -207,6 +207,24 @@ class SegmenterConfig(Settings):
     )
 
 
+class ResegmentConfig(Settings):
+    """Segmenting again from the mask's own box, see :mod:`hoi.detect.resegment`."""
+
+    passes: int = Field(default=3, ge=1, description="Segmentations at most.")
+    settled: float = Field(
+        default=0.9, gt=0, le=1, description="No more passes once the boxes overlap so much (IoU)."
+    )
+    least_overlap: float = Field(
+        default=0.25,
+        ge=0,
+        le=1,
+        description="A mask whose box overlaps less with the box asked with shows another thing.",
+    )
+    smallest_part: float = Field(
+        default=0.02, gt=0, le=1, description="Parts with a smaller share of a mask are specks."
+    )
+
+
 class ModelFiles(Settings):
     """Where one stronger model lies. What `settings` means, each model says itself."""
 
@@ -337,6 +355,7 @@ class DetectConfig(Settings):
         description="Frames with fewer found keypoints fail: no body can be fitted to them.",
     )
 
+    resegment: ResegmentConfig = ResegmentConfig()
     strong: StrongConfig = StrongConfig()
     nanodet: NanoDetConfig = NanoDetConfig()
     ssd: SsdConfig = SsdConfig()

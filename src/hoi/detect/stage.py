@@ -25,6 +25,7 @@ from hoi.detect.finding import PairFinder
 from hoi.detect.given import given_instances, given_keypoints, given_mask
 from hoi.detect.labels import USER, label_weights
 from hoi.detect.models import require_models
+from hoi.detect.resegment import segment_again
 from hoi.detect.strong.from_box import load_from_box
 from hoi.detect.strong.instances import (
     InstanceSegmentation,
@@ -240,7 +241,7 @@ class DetectStage:
             assert frame.intrinsics is not None  # a frame that is ok has them
             pose = self._pose(image, subjects.person_box, frame.intrinsics)
         person_mask, person_source = self._person_mask(image, subjects, pose)
-        object_mask, object_source = self._object_mask(image, subjects, pose, seed)
+        object_mask, object_source, object_box = self._object_mask(image, subjects, pose, seed)
         if person_source != "given":
             # A pixel shows one thing. The segmenter saw the person mask as a hint and overruled it
             # where the colours say object.
@@ -257,7 +258,7 @@ class DetectStage:
         return Detection(
             frame_id=frame.frame_id,
             person_box=np.asarray(subjects.person_box),
-            object_box=np.asarray(subjects.object_box),
+            object_box=np.asarray(object_box),
             person_score=_score(subjects.person, subjects.person_mask),
             object_score=_score(subjects.object, subjects.object_mask),
             object_label=frame.category if seen is None else seen.label,
@@ -291,15 +292,22 @@ class DetectStage:
 
     def _object_mask(
         self, image: np.ndarray, subjects: _Subjects, pose: PersonPose | None, seed: int
-    ) -> tuple[np.ndarray, str]:
+    ) -> tuple[np.ndarray, str, Box]:
+        """The mask, where it comes from, and the object's box."""
+        box = subjects.object_box
         if subjects.object_mask is not None:
-            return subjects.object_mask, "given"
+            return subjects.object_mask, "given", box
         assert self._segment is not None
         if pose is None:
             raise FrameFailure("no_keypoints", "the pose model sees nobody in the person's box")
-        mask, source = self._segment(image, subjects.object_box, pose, seed)
+        if subjects.object is not None and subjects.object.source == USER:
+            mask, source = self._segment(image, box, pose, seed)  # the user's box is final
+        else:
+            mask, source, box = segment_again(
+                self._segment, image, box, pose, seed, self.config.resegment
+            )
         self._require(mask, "object")
-        return mask, source
+        return mask, source, box
 
     def _keypoints(
         self, frame: Frame, pose: PersonPose | None, person_mask: np.ndarray
