@@ -281,9 +281,9 @@ def test_one_command_makes_weights_and_their_table_and_then_has_nothing_to_do(tm
     (tmp_path / "config/tiny.yaml").write_text(yaml.safe_dump(tiny))
 
     def snakemake(*arguments):
-        command = [sys.executable, "-m", "snakemake", "-j2", "--configfile", "config/tiny.yaml"]
+        command = [sys.executable, "-m", "snakemake", "results/segmenter.csv", "-j2"]
         return subprocess.run(
-            [*command, "results/segmenter.csv", *arguments],
+            [*command, "--configfile", "config/tiny.yaml", *arguments],
             cwd=tmp_path,
             env=os.environ | {"PYTHONPATH": str(tmp_path / "src")},
             capture_output=True,
