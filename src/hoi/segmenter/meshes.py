@@ -103,8 +103,8 @@ class MeshStore:
     def load(self, entry: MeshEntry) -> TexturedMesh:
         with np.load(self.folder / f"{entry.name}.npz", allow_pickle=False) as file:
             data = {key: file[key] for key in file.files}
-        count = sum(key.startswith("texture_0") for key in data)
-        textures = tuple(data.pop(f"texture_0{index}") for index in range(count))
+        count = sum(key.startswith("picture") for key in data)
+        textures = tuple(data.pop(f"picture{index}") for index in range(count))
         return TexturedMesh(entry.name, entry.title, entry.person, textures=textures, **data)
 
 
@@ -218,7 +218,7 @@ def _held_out(name: str, share: float) -> bool:
 
 def _save(mesh: TexturedMesh, folder: Path) -> None:
     arrays = {key: value for key, value in vars(mesh).items() if isinstance(value, np.ndarray)}
-    arrays |= {f"texture_0{index}": picture for index, picture in enumerate(mesh.textures)}
+    arrays |= {f"picture{index}": picture for index, picture in enumerate(mesh.textures)}
     with tempfile.NamedTemporaryFile(dir=folder, suffix=".partial", delete=False) as partial:
         np.savez(partial, **arrays)
     Path(partial.name).replace(folder / f"{mesh.name}.npz")

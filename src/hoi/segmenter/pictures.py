@@ -15,6 +15,7 @@ from hoi.body import DEFAULT_BODY
 from hoi.datasets.behave_mini.config import RenderConfig
 from hoi.datasets.behave_mini.render import RayScene, render
 from hoi.datasets.behave_mini.seeding import generator
+from hoi.errors import HoiError
 from hoi.segmenter.config import SceneConfig
 from hoi.segmenter.meshes import MeshStore
 from hoi.segmenter.photos import photographed
@@ -56,12 +57,13 @@ class Picture:
 def draw_picture(
     composer: Composer, config: SceneConfig, seed: int, name: str, person_mask: PersonMask
 ) -> Picture:
-    """The picture called `name`; it depends on the seed and its own name alone."""
+    """The picture called `name`; it depends on the seed and its own name alone.
+
+    Raises HoiError when no scene drawn for it shows its main object.
+    """
     for attempt in range(_ATTEMPTS):
         rng = generator(seed, "segmenter", name, attempt)
         staged = composer(rng)
-        if staged is None:
-            continue
         rays = RayScene(staged.scene)
         hits = rays.first_hits(staged.camera)
         surfaces = rays.surfaces_at(hits)
@@ -77,7 +79,7 @@ def draw_picture(
         if number and (owner == number).sum() > 900 * (config.side / 512) ** 2:
             person = _seen_person(rng, image, owner == number, person_mask)
         return Picture(image, owner.astype(np.uint8), person, kept)
-    raise RuntimeError(f"picture {name}: no attempt shows the main object")
+    raise HoiError(f"picture {name}: none of {_ATTEMPTS} scenes shows its main object")
 
 
 def _seen_person(rng, image: np.ndarray, mask: np.ndarray, person_mask: PersonMask) -> np.ndarray:

@@ -112,8 +112,8 @@ class Composer:
             False: (rotations[mine & ~seated], up[mine & ~seated]),
         }
 
-    def __call__(self, rng: np.random.Generator) -> Staged | None:
-        """A scene; None where the draw came to nothing sensible and another is needed."""
+    def __call__(self, rng: np.random.Generator) -> Staged:
+        """A scene; its main object may turn out to be hidden."""
         scene = Scene()
         looks = Looks(rng, scene, self.bank, self.config.alike_share)
         use = str(rng.choice(_USES, p=_SHARES))
