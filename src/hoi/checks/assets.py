@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from hoi.checks.findings import Finding, few, missing, odd, ok, stop
 from hoi.config import RunConfig
@@ -86,7 +87,7 @@ def check_exemplars(config: RunConfig) -> Iterator[Finding]:
     for path in sorted(p for p in root.glob("*/*") if p.suffix.lower() in _MESHES):
         count[path.parent.name] += 1
         try:
-            mesh = trimesh.load(path, force="mesh", process=True)
+            mesh: Any = trimesh.load(path, force="mesh", process=True)
             if not mesh.is_watertight:
                 open_ones.append(f"{path.parent.name}/{path.name}")
         except Exception as error:  # the mesh loader raises whatever its parser met

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -169,7 +169,7 @@ def _scans(root: Path, sequences: Sequence[str]) -> Iterator[Finding]:
             absent.append(name)
             continue
         try:
-            mesh = trimesh.load(path, force="mesh", process=True)
+            mesh: Any = trimesh.load(path, force="mesh", process=True)
             (whole if mesh.is_watertight else open_ones).append(name)
         except Exception as error:  # the mesh loader raises whatever its parser met
             yield odd(SCANS, f"{path.name} cannot be read: {error!r}.")

@@ -25,6 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="CSV",
         help="write every frame of the tables, and its oddities",
     )
+    parser.add_argument(
+        "--body-parts", type=Path, metavar="PNG", help="draw the body model's named regions"
+    )
     parser.add_argument("-j", "--jobs", type=int, default=2, metavar="N", help="parallel jobs")
 
 
@@ -42,6 +45,11 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.frames:
         arguments.frames.write_text(oddities_csv(report.frames), encoding="utf-8")
         print(f"\nFrames: {arguments.frames}")
+    if arguments.body_parts:
+        from hoi.checks.parts_picture import write_parts_picture
+
+        write_parts_picture(Path(config.assets.body_model), arguments.body_parts)
+        print(f"\nBody regions: {arguments.body_parts}")
     ready = can_start(report.findings)
     print("\nA run can start." if ready else "\nA run cannot start: see STOP above.")
     return 0 if ready else 1

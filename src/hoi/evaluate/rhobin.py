@@ -144,7 +144,7 @@ def _starts(source: Mesh, target: Mesh, rng: np.random.Generator):
         for signs in itertools.product((1, -1), repeat=3)
         if np.linalg.det(turn := np.eye(3)[list(order)] * signs) > 0
     ]
-    turns += list(Rotation.random(len(turns), random_state=int(rng.integers(2**31))).as_matrix())
+    turns += list(Rotation.from_quat(rng.normal(size=(len(turns), 4))).as_matrix())
     return [(scale, turn, true_centre - scale * centre @ turn.T) for turn in turns]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -126,25 +127,28 @@ def summarise_contacts(
     if not rows:
         return pd.DataFrame(columns=list(CONTACT_COLUMNS))
     table, summary = pd.DataFrame(rows), []
-    for (method, limit), part in table.groupby(["method", "threshold_cm"], sort=False):
+    for key, part in table.groupby(["method", "threshold_cm"], sort=False):
+        method, limit = cast(tuple[str, float], key)
+        labels = {"masks": masks, "category": category, "method": method, "threshold_cm": limit}
         per_action = [
-            {
-                "dataset": " ".join(sorted(set(of["dataset"]))),
-                "masks": masks,
-                "category": category,
-                "action": str(action),
-                "method": method,
-                "threshold_cm": limit,
-                "correspondence": " / ".join(sorted(set(of["correspondence"]))),
-                "n_precision": int(of["precision"].notna().sum()),
-                "precision_mean": of["precision"].astype(float).mean(),
-                "n_recall": int(of["recall"].notna().sum()),
-                "recall_mean": of["recall"].astype(float).mean(),
-            }
+            labels | _contact_row(str(action), of)
             for action, of in sorted(part.groupby("action"), key=_by_rank)
         ]
         summary += [*per_action, _average_contacts(per_action)]
     return pd.DataFrame(summary, columns=list(CONTACT_COLUMNS))
+
+
+def _contact_row(action: str, of: pd.DataFrame) -> dict:
+    precision, recall = (pd.Series(of[name], dtype=float) for name in ("precision", "recall"))
+    return {
+        "dataset": " ".join(sorted(set(of["dataset"]))),
+        "action": action,
+        "correspondence": " / ".join(sorted(set(of["correspondence"]))),
+        "n_precision": precision.count(),
+        "precision_mean": precision.mean(),
+        "n_recall": recall.count(),
+        "recall_mean": recall.mean(),
+    }
 
 
 def _average_contacts(rows: list[dict]) -> dict:
