@@ -28,6 +28,7 @@ include: "workflow/rules/priors.smk"
 include: "workflow/rules/joint.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/evaluate.smk"
+include: "workflow/rules/interactions.smk"
 include: "workflow/rules/accuracy.smk"
 include: "workflow/rules/noise.smk"
 

@@ -54,12 +54,12 @@ def test_queries_are_sentences_of_a_person_an_action_and_an_object(space):
         ("woman sit chair", Query("woman", "sit", "chair")),
         ("man_stand_on_chair", Query("man", "stand on", "chair")),
         ("Carry the suitcase", Query("", "carry", "suitcase")),
-        ("person-throw-beach-ball", Query("person", "throw", "beach ball")),
+        ("person-throw-beach-ball", Query("person", "throw", "beach_ball")),
         ("girl fly kite", Query("girl", "fly", "kite")),
     ],
 )
 def test_a_folder_s_name_is_read_as_a_query(text, query):
-    assert parse_query(text, ["chair", "suitcase", "ball", "beach ball"]) == query
+    assert parse_query(text, ["chair", "suitcase", "ball", "beach_ball"]) == query
 
 
 @pytest.mark.parametrize("text", ["chair", "", "woman chair", "holidays"])

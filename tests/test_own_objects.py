@@ -20,6 +20,7 @@ from hoi.errors import AssetError, ConfigError
 from hoi.exemplars.build import build_library
 from hoi.exemplars.config import ExemplarsConfig
 from hoi.exemplars.library import load_library
+from hoi.exemplars.vocabulary import exemplar_category
 from hoi.own_objects import adding, picture
 from hoi.own_objects.description import (
     OwnMesh,
@@ -248,7 +249,8 @@ def test_poses_are_borrowed_from_actions_of_the_same_name_or_look():
 
 
 def test_a_category_is_a_plain_noun():
-    assert checked_category(" Beach  Ball ") == "beach ball"
+    assert checked_category(" Beach  Ball ") == "beach_ball"
+    assert exemplar_category("Beach ball", ("ball", "beach_ball")) == "beach_ball"
     for word in ("../etc", "ball2", "", "a/b", "."):
         with pytest.raises(ValueError, match="no name"):
             checked_category(word)

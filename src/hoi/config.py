@@ -17,6 +17,7 @@ from hoi.detect.config import DetectConfig
 from hoi.errors import ConfigError
 from hoi.evaluate.config import EvaluateConfig
 from hoi.exemplars.config import ExemplarsConfig
+from hoi.interactions.config import InteractionsConfig
 from hoi.joint.config import JointConfig
 from hoi.objectfit.config import ObjectFitConfig
 from hoi.priors.config import LookupConfig, PriorsConfig, StudyConfig
@@ -87,6 +88,7 @@ class RunConfig(Settings):
     behave: BehaveConfig = BehaveConfig()
     behave_mini: BehaveMiniConfig = BehaveMiniConfig()
     photos: PhotosConfig = PhotosConfig()
+    interactions: InteractionsConfig = InteractionsConfig()
     assets: AssetsConfig = AssetsConfig()
     exemplars: ExemplarsConfig = ExemplarsConfig()
     other_systems: dict[DataSet, OtherSystems] = Field(
@@ -185,7 +187,7 @@ class RunConfig(Settings):
         """How people and objects are found: photos bring no masks, data sets do."""
         from hoi.detect.strong.selection import resolved
 
-        settings = self.detect_photos if dataset == "photos" else self.detect
+        settings = self.detect_photos if dataset in ("photos", "interactions") else self.detect
         others = self.systems_for(dataset)
         given: dict[str, Any] = {}
         if others.masks is not None:

@@ -26,6 +26,7 @@ from hoi.readers.paths import FrameNames, behave_names
 
 PHOTOS = "photos"
 BEHAVE_MINI_ROOT = "resources/behave_mini"
+INTERACTIONS = "interactions"
 
 
 @dataclass(frozen=True)
@@ -69,14 +70,16 @@ class Chunk:
 
 
 def plan(config: RunConfig, group: str) -> list[Chunk]:
-    """The chunks of one table group (chair, table, keyboard, backpack, or photos)."""
+    """The chunks of one table group (chair, table, keyboard, backpack), photos or interactions."""
+    size = config.chunk_size
     if group == PHOTOS:
         frames = _photos(config)
+    elif group == INTERACTIONS:
+        frames, size = _interactions(config), config.interactions.chunk_size
     elif config.dataset_name == "behave":
         frames = _behave(config, group)
     else:
         frames = _behave_mini(config, group)
-    size = config.chunk_size
     return [
         Chunk(f"{group}-{number:03d}", group, tuple(frames[start : start + size]))
         for number, start in enumerate(range(0, len(frames), size))
@@ -152,6 +155,25 @@ def _noted(digest: str, notes: PhotoNotes) -> str:
     said = notes.model_dump(mode="json", exclude_none=True)
     said.pop("object", None)  # known as the frame's category and name
     return json_digest([digest, said]) if said else digest
+
+
+def _interactions(config: RunConfig) -> list[FrameInfo]:
+    from hoi.interactions import images
+
+    own = own_objects(config.assets.own_objects)
+    known = with_own_categories(known_categories(config.exemplars), own)
+    with FileDigests(Path(config.memo) / "digests.json") as digests:
+        return [
+            FrameInfo(
+                frame_id=ref.frame_id,
+                dataset=INTERACTIONS,
+                category=ref.category,
+                object_name=ref.query,
+                action=ref.action,
+                digest=digests.of(images.image_files(config.interactions, ref)),
+            )
+            for ref in images.list_images(config.interactions, known)
+        ]
 
 
 def _info(ref: behave_layout.FrameRef, dataset: str, digest: str, others: str) -> FrameInfo:

@@ -10,13 +10,13 @@ from snakemake.exceptions import WorkflowError
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
-from hoi.config import read_config
+from hoi.config import POSE_DATABASE, read_config
 from hoi.datasets.photos_config import AUTO
 from hoi.digest import code_digest, environment_digest
 from hoi.errors import HoiError
 from hoi.exemplars.categories import known_categories
 from hoi.exemplars.shape_index import folder_state
-from hoi.manifest import PHOTOS, chunk_settings, frame_labels, plan
+from hoi.manifest import INTERACTIONS, PHOTOS, chunk_settings, frame_labels, plan
 from hoi.own_objects.description import (
     description_path, detector_labels, mesh_paths, own_objects, with_own_categories,
 )
@@ -60,7 +60,7 @@ def chunk_named(name):
 
 
 def dataset_of(group):
-    return PHOTOS if group == PHOTOS else DATASET
+    return group if group in (PHOTOS, INTERACTIONS) else DATASET
 
 
 def indexes(group, stage):
@@ -166,8 +166,8 @@ def stage_identity(stage, settings):
 
 
 wildcard_constraints:
-    dataset="behave|behave_mini|photos",
-    chunk=r"[a-z]+-\d{3}",
+    dataset="behave|behave_mini|photos|interactions",
+    chunk=r"[a-z]+-\d\d\d+",
     group=r"[a-z]+",
     category=r"[a-z_ ]+",
     search=r"\w+",

@@ -6,7 +6,10 @@ rule smplify:
         frames="results/{dataset}/frames/{chunk}.json",
         detections="results/{dataset}/detect/{chunk}.json",
         body_model=CONFIG.assets.body_model,
-        pose_database=CONFIG.assets.pose_database,
+        # the poses of images cannot be the prior by which they are found
+        pose_database=lambda wildcards: (
+            POSE_DATABASE if wildcards.dataset == INTERACTIONS else CONFIG.assets.pose_database
+        ),
     output:
         index="results/{dataset}/smplify/{chunk}.json",
         seconds="results/{dataset}/smplify/{chunk}.seconds.json",

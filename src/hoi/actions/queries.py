@@ -44,9 +44,10 @@ def parse_query(text: str, categories: Collection[str]) -> Query:
     Raises ConfigError for a phrase without an action or an object.
     """
     words = text.lower().replace("_", " ").replace("-", " ").split()
-    ends = [name for name in categories if words[-len(name.split()) :] == name.split()]
+    spelt = {name: name.replace("_", " ").split() for name in categories}
+    ends = [name for name, noun in spelt.items() if words[-len(noun) :] == noun]
     category = max(ends, key=len, default=words[-1] if words else "")
-    rest = words[: len(words) - len(category.split())]
+    rest = words[: len(words) - len(spelt.get(category, [category]))]
     subject = rest.pop(0) if rest and rest[0] in PEOPLE else ""
     rest = [word for word in rest if word not in ("a", "an", "the")]
     if not rest or not category:

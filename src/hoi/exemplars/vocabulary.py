@@ -92,9 +92,13 @@ def canonical_category(noun: str) -> str:
 
 
 def exemplar_category(noun: str, known: Collection[str]) -> str:
-    """The category a user's word stands for: itself when it is `known`, else its synonym."""
+    """The category a user's word stands for: itself when it is `known`, else its synonym.
+
+    An own object of several words is known with underscores: ``beach ball`` -> ``beach_ball``.
+    """
     word = " ".join(noun.lower().split())
-    return word if word in known else canonical_category(word)
+    joined = word.replace(" ", "_")
+    return next((name for name in (word, joined) if name in known), canonical_category(word))
 
 
 def partnet_parts(partnet_category: str) -> dict[str, list[str]]:

@@ -21,7 +21,7 @@ from hoi.settings import Settings
 DESCRIPTION = "object.yaml"
 PICTURE = "picture.png"
 SIDES = ("", "left", "right", "both", "either")
-_NOUN = re.compile(r"[a-z][a-z_ ]*[a-z]")
+_NOUN = re.compile(r"[a-z][a-z_]*[a-z]")
 _FILE_NAME = re.compile(r"[A-Za-z0-9_][\w.\-]*")
 _HEADER = """\
 # Written by `hoi add-object`; edit it as you like. Sizes in metres. What each line means is told
@@ -100,8 +100,11 @@ class OwnObject(Settings):
 
 
 def checked_category(category: str) -> str:
-    """The noun as the stages use it; raises ValueError for anything but plain lower-case words."""
-    word = " ".join(category.lower().split())
+    """The noun as the stages use it: ``Beach ball`` -> ``beach_ball``.
+
+    Raises ValueError for anything but plain words.
+    """
+    word = "_".join(category.lower().split())
     if not _NOUN.fullmatch(word):
         raise ValueError(f"{category!r} is no name of an object: use letters, blanks and _ only")
     return word
