@@ -22,6 +22,9 @@ from pathlib import Path
 from hoi.actions.space import COLUMNS, DEFAULT_ACTION_SPACE, RELATIONS, load_action_space
 from hoi.errors import AssetError
 
+PERSON_VERBS: Path = DEFAULT_ACTION_SPACE.parent / "verbs.tsv"
+"""Verbs of what people do with objects, which other objects than the reviewed ones need."""
+
 _REPORT_LINES = 2_000_000
 _CHUNK = 1 << 22  # bytes that are decompressed at a time
 _MAX_LINE = 1 << 20
@@ -166,7 +169,7 @@ def _weighted(
 
 
 def verbs_of(reviewed: Path | str = DEFAULT_ACTION_SPACE) -> dict[str, str]:
-    """Verb of the reviewed phrases -> the action it stands for.
+    """Verb -> the action it stands for: of the reviewed phrases, else of :data:`PERSON_VERBS`.
 
     Where phrases with one verb disagree, the action that is that verb wins, else the more frequent.
     """
@@ -176,10 +179,22 @@ def verbs_of(reviewed: Path | str = DEFAULT_ACTION_SPACE) -> dict[str, str]:
         if verb:
             counts = readings.setdefault(verb, {})
             counts[edge.action] = counts.get(edge.action, 0) + 1
-    return {
+    reviewed_verbs = {
         verb: max(sorted(counts), key=lambda action: (_verb(action) == verb, counts[action]))
         for verb, counts in readings.items()
     }
+    return person_verbs() | reviewed_verbs
+
+
+def person_verbs(path: Path | str = PERSON_VERBS) -> dict[str, str]:
+    """Verb -> action of what a person does with the whole body or the hands; single words only."""
+    table: dict[str, str] = {}
+    with open(path, newline="", encoding="utf-8") as stream:
+        for row in csv.DictReader(stream, delimiter="\t"):
+            for words in row["words"].split(","):
+                if len(words.split()) == 1:
+                    table.setdefault(_verb(words), row["action"])
+    return table
 
 
 def phrases_of(reviewed: Path | str = DEFAULT_ACTION_SPACE) -> dict[tuple[str, str], str]:
