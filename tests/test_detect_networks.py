@@ -342,3 +342,71 @@ def test_landmarks_agree_with_the_body_that_was_rendered(stage, sideways, yaw):
     # 15 to 30 degrees at the sides if the crop were just cut out of the picture
     error = (heading(pose.landmarks) - heading(truth) + 180) % 360 - 180
     assert abs(error) < 15
+
+
+def depths(points):
+    """Depth of the joints of arms, legs and trunk behind the middle of the hips, metres."""
+    names = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+    rows = [KEYPOINT[f"{side}_{name}"] for side in ("left", "right") for name in names]
+    hips = points[[KEYPOINT["left_hip"], KEYPOINT["right_hip"]]].mean(0)
+    return (points[rows] - hips)[:, 2]
+
+
+def bones(points):
+    """Lengths of upper arms, forearms, thighs and shins, metres."""
+    pairs = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
+    return np.array(
+        [
+            np.linalg.norm(points[KEYPOINT[f"{side}_{a}"]] - points[KEYPOINT[f"{side}_{b}"]])
+            for side in ("left", "right")
+            for a, b in pairs
+        ]
+    )
+
+
+@pytest.mark.models
+@pytest.mark.skipif(bool(_REASON), reason=_REASON)
+@pytest.mark.parametrize("yaw", [0.9, -0.9])
+def test_landmarks_have_the_depths_sign_and_the_size_of_the_body_that_was_rendered(stage, yaw):
+    image, box, truth = rendered_body(0.0, yaw)
+    pose = stage._pose(image, box, INTRINSICS)
+    assert pose is not None
+    real, guessed = depths(truth), depths(pose.landmarks)
+    assert np.corrcoef(real, guessed)[0, 1] > 0.7
+    far = np.abs(real) > 0.2  # of joints clearly before or behind the hips none is mirrored
+    assert far.sum() >= 2 and (np.sign(real[far]) == np.sign(guessed[far])).all()
+    assert 0.85 < np.median(bones(pose.landmarks) / bones(truth)) < 1.15
+
+
+@pytest.mark.models
+@pytest.mark.skipif(bool(_REASON), reason=_REASON)
+def test_a_knee_and_a_hand_lifted_at_the_camera_are_nearer_and_understated(stage):
+    """Seen from the front the model flattens depth: signs hold at knee and hand, sizes do not."""
+    image, box, truth = rendered_body(0.0, 0.0)
+    pose = stage._pose(image, box, INTRINSICS)
+    assert pose is not None
+    hips = truth[[KEYPOINT["left_hip"], KEYPOINT["right_hip"]]].mean(0)
+    for name in ("left_knee", "left_wrist"):
+        real, guessed = truth[KEYPOINT[name], 2] - hips[2], pose.landmarks[KEYPOINT[name], 2]
+        assert real < -0.2 and real < guessed < 0
+    assert 0.85 < np.median(bones(pose.landmarks) / bones(truth)) < 1.15
+
+
+@pytest.mark.models
+@pytest.mark.skipif(bool(_REASON), reason=_REASON)
+def test_of_a_body_cut_off_by_the_picture_only_what_is_in_it_counts(stage):
+    image, box, truth = rendered_body(0.0, 0.0)
+    truth_px = truth @ INTRINSICS.T
+    truth_px = truth_px[:, :2] / truth_px[:, 2:]
+    hips = truth_px[[KEYPOINT["left_hip"], KEYPOINT["right_hip"]], 1].mean()
+    end = int(hips + 20)  # the picture ends under the hips
+    pose = stage._pose(image[:end], (*box[:3], float(end)), INTRINSICS)
+    assert pose is not None
+    inside = truth_px[:, 1] < end - 25
+    error = np.linalg.norm(pose.keypoints[:, :2] - truth_px, axis=1)
+    assert np.median(error[inside]) < 0.05 * longer_side(box)
+    assert pose.keypoints[inside, 2].min() > 0.3
+    for name in ("ankle", "heel", "toe"):
+        for side in ("left", "right"):
+            assert pose.keypoints[KEYPOINT[f"{side}_{name}"], 2] == 0
+    assert pose.probability.shape == image[:end].shape[:2]
