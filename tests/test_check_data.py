@@ -128,6 +128,21 @@ def test_open_scans_absent_cameras_and_lost_sequences_are_told(tree):
     assert "of backpack" in lacking
 
 
+def test_names_that_are_no_utf8_are_told_and_harm_nothing(tree, tmp_path, capsys):
+    for folder in (tree.root / "sequences", tree.root / "sequences" / SIT, tmp_path / "meshes"):
+        os.makedirs(os.fsencode(folder) + b"/t\xff\xfe", exist_ok=True)
+    path = os.fsencode(tmp_path / "meshes") + b"/t\xff\xfe/caf\xe9.obj"
+    Path(os.fsdecode(path)).write_text("v 0 0 0\nnonsense\n")
+    extra = tmp_path / "mine.yaml"
+    own = {"sources": ["folder"], "folder": str(tmp_path / "meshes")}
+    behave = {"root": str(tree.root), "smplh": str(tree.smplh)}
+    extra.write_text(yaml.safe_dump({"exemplars": own, "behave": behave}))
+    assert main(["check-data", "--config", "config/config.yaml", str(extra)]) == 0
+    shown = capsys.readouterr().out
+    assert "2 frames: sit 2" in shown and "no sequences: 't\\udcff\\udcfe'" in shown
+    assert r"t\udcff\udcfe 1" in shown
+
+
 def test_a_camera_without_a_pose_stops(tree):
     (tree.root / "calibs/Date03/config/2/config.json").unlink()
     report = check(tree, behave={"kinect": 2})
@@ -200,6 +215,25 @@ def test_the_embedded_data_set_needs_nothing(monkeypatch):
     report = check_data(read_config(SHIPPED), Path("nowhere"))
     assert can_start(report.findings) and report.frames == {}
     assert "chair 12, table 10, keyboard 6, backpack 14" in told(report, Level.OK)
+
+
+def test_a_run_is_planned_although_a_sequence_says_nonsense_of_itself(tree, tmp_path):
+    """Its frames fail by name when they are read; the others are not lost."""
+    from hoi.manifest import plan
+
+    tree.sequence("Date03_Sub03_chairwood_sit")
+    behave = {"root": str(tree.root), "smplh": str(tree.smplh)}
+    config = read_config(SHIPPED | {"behave": behave, "memo": str(tmp_path / "memo")})
+
+    def planned():
+        return {f.frame_id: f.digest for chunk in plan(config, "chair") for f in chunk.frames}
+
+    whole = planned()
+    info = tree.root / "sequences" / SIT / "info.json"
+    info.write_text('{"config": "../../../.."}')
+    damaged = planned()
+    changed = {name for name in whole if whole[name] != damaged[name]}
+    assert len(whole) == 3 and changed == {f"{SIT}-t0003.000", f"{SIT}-t0004.000"}
 
 
 def test_later_configuration_files_go_before_earlier_ones(tmp_path):

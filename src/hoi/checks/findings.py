@@ -51,14 +51,18 @@ def can_start(findings: Iterable[Finding]) -> bool:
 
 
 def as_text(findings: Iterable[Finding]) -> str:
-    """The findings by topic, in the order in which topics first appear."""
+    """The findings by topic, in the order in which topics first appear.
+
+    File names that are no UTF-8 are spelled out, so that the text can always be printed.
+    """
     topics: dict[str, list[Finding]] = {}
     for finding in findings:
         topics.setdefault(finding.topic, []).append(finding)
     lines = []
     for topic, found in topics.items():
         lines += [topic, *(f"  {f.level.value:<8}{f.text}" for f in found), ""]
-    return "\n".join(lines).rstrip("\n")
+    text = "\n".join(lines).rstrip("\n")
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def share(count: int, total: int, what: str = "frames") -> str:
