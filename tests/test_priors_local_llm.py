@@ -49,7 +49,8 @@ def server():
 def model_at(server, folder, **changes) -> LanguageModel:
     config = LanguageModelConfig(
         **({"base_url": f"{server.listening_address}/v1", "model": MODEL, "mode": "record",
-            "max_tokens": 16, "max_tokens_json": 160, "retries": 0} | changes)
+            "max_tokens": 16, "max_tokens_json": 64, "retries": 0, "timeout_seconds": 600}
+           | changes)
     )  # fmt: skip
     return LanguageModel(config, folder)
 

@@ -239,7 +239,9 @@ def rejected_rows(sizes: Iterable[SizeVote], contacts: Iterable[ContactVote]) ->
     """Answers that could not be read, twice, with the reason."""
 
     def row(category: str, action: str, rejection: Rejection) -> Row:
-        return {"category": category, "action": action} | {
+        return {
+            "category": category,
+            "action": action,
             "template": rejection.template,
             "sample": rejection.sample,
             "answer": " ".join(rejection.answer.split())[:200],
@@ -300,11 +302,9 @@ def write_tables(
         filled = answered.get(name, of_actions)
         rows = [row | who for row in rows]
         if config.gaps == "recorded":
-            rows += [
-                {**row, "model": ""}
-                for row in reviewed
-                if tuple(row[key] for key in keys) not in filled
-            ]
+            for row in reviewed:
+                if tuple(row[key] for key in keys) not in filled:
+                    rows.append({**row, "model": ""})
         _write(folder / f"{name}.csv", [*columns, "model"], rows)
     columns, rows = _read(recorded / "actions.csv")
     _write(folder / "actions.csv", columns, rows)

@@ -163,10 +163,16 @@ def _extents(path: Path) -> dict[str, ExtentsAnswer]:
         category = row.text("category")
         if category in found:
             raise row.error("category", f"{category} appears twice")
-        axes = [row.range(axis) for axis in ("height", "width", "depth")]
-        if not any(axes):
+        answer = ExtentsAnswer(
+            category,
+            height=row.range("height"),
+            width=row.range("width"),
+            depth=row.range("depth"),
+            source=row.text("source"),
+        )
+        if not (answer.height or answer.width or answer.depth):
             raise row.error("height", "neither height nor width nor depth is given")
-        found[category] = ExtentsAnswer(category, *axes, row.text("source"))
+        found[category] = answer
     return found
 
 
