@@ -7,8 +7,15 @@ import numpy as np
 import report_synthetic as synthetic
 from hoi.artifacts import Detection, Evaluation, Frame, Joint
 from hoi.report.config import ReportConfig
-from hoi.report.gallery import card_of, failures_by_cause, gallery_page, pick_frames
+from hoi.report.gallery import (
+    card_of,
+    causes_by_method,
+    failures_by_cause,
+    gallery_page,
+    pick_frames,
+)
 from hoi.report.page import MethodView
+from hoi.report.tables import LaidOutTable, as_html, linked
 from test_report_page import EXTERNAL, Reader
 
 IMAGE = np.full((30, 40, 3), 128, np.uint8)
@@ -66,7 +73,7 @@ def test_a_frame_that_could_not_be_read_is_a_card_too():
 def test_links_are_relative_and_nothing_is_fetched():
     text = gallery_page([good("a")])
     links = [a["href"] for tag, a in Reader(text).tags if tag == "a"]
-    assert links == ["frames/a.html"] * 2
+    assert links == ["#cause=placement&method=phosa"] + ["frames/a.html"] * 2
     assert not EXTERNAL.findall(text)
 
 
@@ -101,3 +108,28 @@ def test_pages_are_given_evenly_over_the_actions_in_the_order_of_the_run():
     assert pick_frames(frames, 3) == ["s1", "l1", "h1"]
     assert pick_frames(frames, 4) == ["s1", "s2", "l1", "h1"]
     assert pick_frames(frames, 99) == [name for name, _ in frames]
+
+
+def test_causes_are_counted_by_method_in_the_order_of_the_pipeline():
+    found = causes_by_method([good("a"), lost("b"), half("c")], ["phosa", "ours"])
+    counts = {row["cause"]: [cell["count"] for cell in row["cells"]] for row in found["rows"]}
+    # b: detection for both; a: 83 cm of phosa; c: phosa diverged, ours is fine
+    assert counts == {"detection": [1, 1], "placement": [2, 0]}
+    assert found["totals"] == [3, 1]
+
+
+def test_a_frame_without_errors_shows_what_came_out_and_no_empty_table():
+    view = synthetic.method("ours", evaluation=None)
+    card = card_of(synthetic.frame("a"), synthetic.detection(), [view], "", IMAGE)
+    text = gallery_page([card])
+    assert "<table" not in text[text.index('class="card"') : text.index("What stopped")]
+    assert "sit · object 0.45 × 0.90 × 0.45 m" in Reader(text).text
+    assert "worst first" not in text and "Chamfer" not in text
+
+
+def test_tables_on_the_page_lead_to_their_frames():
+    table = LaidOutTable("t", "", "Action", (("Ours", ("H",)), ("In print", ("H",))),
+        (("Sit", ("1.0", "7.1")), ("Avg.", ("1.0", "7.2"))))  # fmt: skip
+    text = gallery_page([good("a")], tables=[as_html(linked(table, "", ["phosa", "ours"]))])
+    links = [a["href"] for tag, a in Reader(text).tags if tag == "a" and "order" in a["href"]]
+    assert links == ["#order=worst:ours&action=sit", "#order=worst:ours"]

@@ -30,7 +30,7 @@ TINY = {
     "detect": {"landmarks": "none"},
     "exemplars": {"sources": ["procedural"], "k": 3, "procedural_pool": 5, "kmeans_restarts": 1},
     "objectfit": {"upright": {"num_starts": 60}, "so3": {"num_starts": 60}},
-    "report": {"image_width": 200},
+    "report": {"image_width": 200, "ablation": False},
 }
 SEQUENCES = ("Date03_Sub03_chairblack_sit", "Date03_Sub03_chairblack_hand")
 KEPT = ("config", "src", "workflow")

@@ -40,7 +40,7 @@ def table_params(group, methods, ablation=False, script="table"):
         "align": CONFIG.evaluate.align,
         "also": [name for name in CONFIG.evaluate.also if name != CONFIG.evaluate.align],
         "frames": frame_labels(chunks_of(group)),
-        "identity": drawing_identity(script, {}) | {"evaluations": code_digest(str(shared))},
+        "identity": json_digest([drawing_identity(script, {}), code_digest(str(shared))]),
     }
 
 

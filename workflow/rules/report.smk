@@ -1,21 +1,35 @@
 # What people look at: a page a frame, a gallery, scenes and overlays, the table of photos
 
 
-from hoi.digest import files_digest
+from hoi.digest import files_digest, json_digest
 from hoi.report import asset_files
 
 
-def drawing_identity(script, settings):
-    """Drawings depend on their templates, too, and on what their scripts share."""
+def drawing_identity(script, settings=None):
+    """One digest of what a drawing depends on: settings, code, templates, shared scripts.
+
+    Short, because Snakemake's report prints the parameters of every result. The settings
+    themselves are those of `report`, which the scripts read from the configuration.
+    """
     shared = Path(workflow.basedir) / "workflow" / "scripts" / "frame_artifacts.py"
-    return identity(script, settings) | {
-        "templates": files_digest(asset_files()),
-        "shared": code_digest(str(shared)),
-    }
+    return json_digest(
+        [
+            identity(script, CONFIG.report if settings is None else settings),
+            files_digest(asset_files()),
+            code_digest(str(shared)),
+        ]
+    )[:16]
 
 
-def methods_of(dataset):
-    return ("ours",) if dataset == PHOTOS else CONFIG.tables.methods
+SETTINGS_FILE = "results/{dataset}/settings/{group}.json"
+
+
+def methods_of(dataset, group):
+    """What pages and galleries compare: the tables' methods, for their group the ablation, too."""
+    if dataset == PHOTOS:
+        return ("ours",)
+    more = CONFIG.tables.ablation if group == CONFIG.tables.ablation_group else ()
+    return tuple(dict.fromkeys((*CONFIG.tables.methods, *(more if CONFIG.report.ablation else ()))))
 
 
 def frame_chunk(dataset, frame):
@@ -32,7 +46,10 @@ def page_chunk(wildcards):
 
 
 def page_inputs(wildcards):
-    return artifact_indexes(wildcards.dataset, page_chunk(wildcards))
+    chunk = page_chunk(wildcards)
+    return artifact_indexes(wildcards.dataset, chunk) | {
+        "seconds": stage_seconds(wildcards.dataset, chunk),
+    }
 
 
 def page_labels(wildcards):
@@ -57,8 +74,9 @@ def artifact_indexes(dataset, chunk):
         "priors": f"{base}/priors/{name}",
         "body_model": CONFIG.assets.body_model,
         "exemplars": exemplars_of(chunk),
+        "settings": SETTINGS_FILE.format(dataset=dataset, group=chunk.group),
     }
-    for method in methods_of(dataset):
+    for method in methods_of(dataset, chunk.group):
         named[f"{method}_objects"] = f"{base}/objectfit/{CONFIG.methods[method].search}/{name}"
         named[f"{method}_joints"] = f"{base}/joint/{method}/{name}"
         if dataset != PHOTOS:
@@ -66,6 +84,51 @@ def artifact_indexes(dataset, chunk):
     if dataset != PHOTOS:
         named["truth"] = f"{base}/truth/{name}"
     return named
+
+
+def stage_seconds(dataset, chunk):
+    """Time sheets of every stage for one chunk, by the stage's folder."""
+    stages = [stage for method in methods_of(dataset, chunk.group) for stage in stages_of(method)]
+    return [f"results/{dataset}/{s}/{chunk.name}.seconds.json" for s in dict.fromkeys(stages)]
+
+
+def shown_settings(dataset, group):
+    """The configuration behind a page, stage by stage."""
+    methods = methods_of(dataset, group)
+    searches = dict.fromkeys(CONFIG.methods[method].search for method in methods)
+    found = {
+        "seed": CONFIG.seed,
+        "assets": CONFIG.assets,
+        "exemplars": CONFIG.exemplars,
+        "detect": CONFIG.detect_settings(dataset),
+        "smplify": CONFIG.smplify,
+        "objectfit": {name: CONFIG.objectfit[name] for name in searches},
+        "actions": CONFIG.actions,
+        "priors": CONFIG.priors,
+        "joint": {name: CONFIG.joint_settings(name) for name in methods},
+    }
+
+    def plain(value):
+        if isinstance(value, dict):
+            return {key: plain(entry) for key, entry in value.items()}
+        return value if isinstance(value, int) else value.model_dump(mode="json")
+
+    return plain(found)
+
+
+rule shown_settings:
+    # what a page says of its configuration, in a file: parameters stay short
+    output:
+        SETTINGS_FILE,
+    params:
+        settings=lambda wildcards: shown_settings(wildcards.dataset, wildcards.group),
+        frames=lambda wildcards: frame_labels(chunks_of(wildcards.group)),
+    message:
+        "Noting the settings and frames of {wildcards.group}"
+    log:
+        "logs/{dataset}/settings/{group}.log",
+    script:
+        "../scripts/shown_settings.py"
 
 
 rule page:
@@ -80,9 +143,9 @@ rule page:
             labels=page_labels,
         ),
     params:
-        methods=lambda wildcards: list(methods_of(wildcards.dataset)),
-        frames=lambda wildcards: frame_labels([page_chunk(wildcards)]),
-        identity=drawing_identity("page", CONFIG.report),
+        methods=lambda wildcards: list(methods_of(wildcards.dataset, page_chunk(wildcards).group)),
+        index=lambda wildcards: f"../gallery/{page_chunk(wildcards).group}.html",
+        identity=drawing_identity("page"),
     message:
         "Drawing the page of {wildcards.frame}"
     log:
@@ -103,19 +166,22 @@ def gallery_of(group):
     return f"results/{dataset_of(group)}/gallery/{group}.html"
 
 
-def gallery_inputs(wildcards):
-    named = {"pages": [f"results/{wildcards.dataset}/pages/{f}.html" for f in shown_frames(wildcards.group)]}
-    for chunk in chunks_of(wildcards.group):
-        for name, paths in artifact_indexes(wildcards.dataset, chunk).items():
-            paths = [paths] if isinstance(paths, str) else paths
-            known = named.setdefault(name, [])
-            known += [path for path in paths if path not in known]
+def gallery_inputs(dataset, groups):
+    """Everything of some groups, and the pages of their frames."""
+    named = {"pages": []}
+    for group in groups:
+        named["pages"] += [f"results/{dataset}/pages/{f}.html" for f in shown_frames(group)]
+        for chunk in chunks_of(group):
+            for name, paths in artifact_indexes(dataset, chunk).items():
+                paths = [paths] if isinstance(paths, str) else paths
+                known = named.setdefault(name, [])
+                known += [path for path in paths if path not in known]
     return named
 
 
 rule gallery:
     input:
-        unpack(gallery_inputs),
+        unpack(lambda wildcards: gallery_inputs(wildcards.dataset, [wildcards.group])),
     output:
         report(
             "results/{dataset}/gallery/{group}.html",
@@ -124,10 +190,9 @@ rule gallery:
             labels={"group": "{group}"},
         ),
     params:
-        methods=lambda wildcards: list(methods_of(wildcards.dataset)),
-        shown=lambda wildcards: shown_frames(wildcards.group),
-        frames=lambda wildcards: frame_labels(chunks_of(wildcards.group)),
-        identity=drawing_identity("gallery", CONFIG.report),
+        methods=lambda wildcards: list(methods_of(wildcards.dataset, wildcards.group)),
+        heading="{dataset}: {group}",
+        identity=drawing_identity("gallery"),
     message:
         "Drawing the gallery of {wildcards.group}"
     log:
@@ -136,16 +201,50 @@ rule gallery:
         "../scripts/gallery.py"
 
 
+def index_groups():
+    return CONFIG.report.groups
+
+
+def index_tables(_):
+    named = {f"table_{group}": f"results/behave_{group}.csv" for group in index_groups()}
+    if CONFIG.tables.ablation_group in index_groups() and CONFIG.report.ablation:
+        named["table_ablation"] = "results/ablation.csv"
+    return named
+
+
+rule index:
+    # the report to open first: tables whose numbers lead to their frames, causes, all frames
+    input:
+        unpack(lambda _: gallery_inputs(DATASET, index_groups())),
+        unpack(index_tables),
+    output:
+        report(
+            "results/index.html",
+            caption="../report/index.rst",
+            category=GALLERY,
+            labels={"group": "all"},
+        ),
+    params:
+        methods=list(dict.fromkeys(m for g in index_groups() for m in methods_of(DATASET, g))),
+        heading="People and the objects they use",
+        identity=drawing_identity("gallery"),
+    message:
+        "Drawing results/index.html"
+    log:
+        "logs/index.log",
+    script:
+        "../scripts/gallery.py"
+
+
 rule scenes:
-    # for every frame an overlay picture, and a GLB scene where there is a result
+    # for every frame an overlay picture; scene, parameters and turntable where there is a result
     input:
         unpack(lambda wildcards: artifact_indexes(wildcards.dataset, chunk_named(wildcards.chunk))),
     output:
         "results/{dataset}/scenes/{chunk}.json",
     params:
         method="ours",
-        frames=lambda wildcards: frame_labels([chunk_named(wildcards.chunk)]),
-        identity=drawing_identity("scenes", CONFIG.report),
+        identity=drawing_identity("scenes"),
     message:
         "Writing the scenes of {wildcards.chunk}"
     log:
@@ -156,9 +255,7 @@ rule scenes:
 
 # the frame of the README's picture, and its sharpness
 OVERVIEW_FRAME = "Date03_Sub04_chairblack_liftreal-t0003.000"
-OVERVIEW_CONFIG = CONFIG.report.model_copy(
-    update={"image_width": 800, "tile_width": 400, "supersampling": 3}
-)
+OVERVIEW_SHARP = {"image_width": 800, "tile_width": 400, "supersampling": 3}
 
 
 rule overview:
@@ -173,9 +270,9 @@ rule overview:
         "docs/overview.jpg",
     params:
         frame=OVERVIEW_FRAME,
-        frames=lambda wildcards: frame_labels([frame_chunk("behave_mini", OVERVIEW_FRAME)]),
         method="ours",
-        identity=drawing_identity("overview", OVERVIEW_CONFIG),
+        sharp=OVERVIEW_SHARP,
+        identity=drawing_identity("overview"),
     message:
         "Drawing the README's picture"
     log:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
@@ -29,18 +30,19 @@ class FrameArtifacts:
     """Reads what every stage said of a frame.
 
     Args:
-        inputs: a job's named inputs: indexes, one or several a stage.
+        inputs: a job's named inputs: indexes, one or several a stage, and ``settings``, which
+            say data set, category, object_name and action of frames that could not be read.
         methods: names whose ``<method>_objects``, ``_joints`` and ``_evaluations`` to read.
-        labels: frame id -> data set, category, object_name and action, for frames that could not
-            be read and so cannot say it themselves.
     """
 
-    def __init__(
-        self, inputs: Mapping, methods: Sequence[str], labels: Mapping[str, Mapping[str, str]]
-    ):
+    def __init__(self, inputs: Mapping, methods: Sequence[str]):
         self.inputs = inputs
         self.methods = methods
-        self.labels = labels
+        told = [json.loads(Path(path).read_text()) for path in self._paths("settings")]
+        self.settings: dict = told[0]["settings"]
+        self.labels: dict[str, dict[str, str]] = {
+            k: v for t in told for k, v in t["frames"].items()
+        }
         self._libraries: dict[str, list[Exemplar]] = {}
 
     def frame_ids(self) -> Iterator[str]:
@@ -73,6 +75,16 @@ class FrameArtifacts:
             )
             for method in self.methods
         ]
+
+    def seconds(self, frame_id: str) -> dict[str, float]:
+        """What each stage took for a frame, by the stage's folder, in order."""
+        found = {}
+        for path in self._paths("seconds"):
+            taken = json.loads(Path(path).read_text())
+            if frame_id in taken:
+                stage = "/".join(Path(path).parts[2:-1])  # results/<data set>/<stage>/<chunk>
+                found[stage] = taken[frame_id]
+        return found
 
     def exemplars(self, category: str) -> list[Exemplar]:
         """The exemplars of a category; none for a category without a library."""

@@ -1,5 +1,6 @@
-"""Draw the gallery of a table group: one card a frame, failures by cause."""
+"""Draw the gallery of one or several table groups: tables, failures by cause, a card a frame."""
 
+import os
 from pathlib import Path
 
 from chunk_job import logged
@@ -9,20 +10,43 @@ from hoi.body import BodyModel
 from hoi.report.config import ReportConfig
 from hoi.report.gallery import card_of, gallery_page
 from hoi.report.overlay import frame_thumbnail
+from hoi.report.tables import ablation_layout, as_html, layout, linked, read_results
 
-config = ReportConfig(**snakemake.params.identity["settings"])
-artifacts = FrameArtifacts(snakemake.input, snakemake.params.methods, snakemake.params.frames)
-shown = set(snakemake.params.shown)
+config = ReportConfig(**snakemake.config.get("report", {}))
+methods = snakemake.params.methods
+artifacts = FrameArtifacts(snakemake.input, methods)
+folder = Path(snakemake.output[0]).parent
+pages = {
+    Path(path).stem: os.path.relpath(path, folder) for path in snakemake.input.get("pages", [])
+}
 faces = BodyModel.load(Path(snakemake.input.body_model[0])).faces
+SHOWN = "ours"
+
+
+def tables() -> list[str]:
+    """The result tables among the inputs, every number linked to its frames on this page."""
+    found = []
+    for name, path in snakemake.input.items():
+        if name.startswith("table_"):
+            results = read_results(path)
+            make = ablation_layout if name == "table_ablation" else layout
+            found += [as_html(linked(part, "", methods)) for part in make(results, detail=True)]
+    return found
+
+
 cards = []
 with logged(snakemake):
     for frame_id in artifacts.frame_ids():
         frame, detection = artifacts.frame(frame_id), artifacts.detection(frame_id)
-        views = artifacts.views(frame_id)
+        # groups are compared by different methods
+        views = [view for view in artifacts.views(frame_id) if view.joint is not None]
+        shown = next((view for view in views if view.name == SHOWN), views[-1])
         image = None
         if frame.ok:
-            image = frame_thumbnail(frame, detection, views[-1].joint, faces, config)
-        href = f"../pages/{frame_id}.html" if frame_id in shown else ""
-        cards.append(card_of(frame, detection, views, href, image))
-    heading = f"{snakemake.wildcards.dataset}: {snakemake.wildcards.group}"
-    Path(snakemake.output[0]).write_text(gallery_page(cards, config, heading))
+            image = frame_thumbnail(frame, detection, shown.joint, faces, config)
+        truth = artifacts.truth(frame_id)
+        cards.append(
+            card_of(frame, detection, views, pages.get(frame_id, ""), image, truth, config)
+        )
+    page = gallery_page(cards, config, snakemake.params.heading, tables())
+    Path(snakemake.output[0]).write_text(page)

@@ -9,9 +9,9 @@ from hoi.body import BodyModel
 from hoi.report.config import ReportConfig
 from hoi.report.overlay import frame_overlays, jpeg, overview
 
-config = ReportConfig(**snakemake.params.identity["settings"])
+config = ReportConfig(**(snakemake.config.get("report", {}) | snakemake.params.sharp))
 frame_id = snakemake.params.frame
-artifacts = FrameArtifacts(snakemake.input, [snakemake.params.method], snakemake.params.frames)
+artifacts = FrameArtifacts(snakemake.input, [snakemake.params.method])
 with logged(snakemake):
     frame = artifacts.frame(frame_id)
     (view,) = artifacts.views(frame_id)

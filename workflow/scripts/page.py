@@ -9,9 +9,9 @@ from hoi.body import BodyModel
 from hoi.report.config import ReportConfig
 from hoi.report.page import frame_page
 
-config = ReportConfig(**snakemake.params.identity["settings"])
+config = ReportConfig(**snakemake.config.get("report", {}))
 frame_id = snakemake.wildcards.frame
-artifacts = FrameArtifacts(snakemake.input, snakemake.params.methods, snakemake.params.frames)
+artifacts = FrameArtifacts(snakemake.input, snakemake.params.methods)
 with logged(snakemake):
     frame = artifacts.frame(frame_id)
     page = frame_page(
@@ -22,5 +22,8 @@ with logged(snakemake):
         artifacts.exemplars(frame.category),
         config,
         truth=artifacts.truth(frame_id),
+        seconds=artifacts.seconds(frame_id),
+        settings=artifacts.settings,
+        index=snakemake.params.index,
     )
     Path(snakemake.output[0]).write_text(page)

@@ -22,10 +22,10 @@ MADE = {
     "object": "object.json", "turntable": "turntable.png",
 }  # fmt: skip
 
-config = ReportConfig(**snakemake.params.identity["settings"])
+config = ReportConfig(**snakemake.config.get("report", {}))
 index = Path(snakemake.output[0])
 folder = index.parent
-artifacts = FrameArtifacts(snakemake.input, [snakemake.params.method], snakemake.params.frames)
+artifacts = FrameArtifacts(snakemake.input, [snakemake.params.method])
 faces = BodyModel.load(Path(snakemake.input.body_model)).faces
 written = {}
 

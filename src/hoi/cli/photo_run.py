@@ -21,6 +21,7 @@ from hoi.datasets.photos_config import AUTO, PhotoNotes, PhotosConfig
 from hoi.errors import ConfigError
 from hoi.exemplars.categories import known_categories
 from hoi.exemplars.vocabulary import exemplar_category
+from hoi.own_objects.description import own_objects, with_own_categories
 
 _PHOTOS = "photos"
 _MESHES = (".obj", ".glb", ".gltf", ".ply", ".off", ".stl")
@@ -86,14 +87,14 @@ def prepare(root: Path, folder: Path, request: Request) -> PhotoRun:
     config_file = folder / "config.yaml"
     config_file.write_text(yaml.safe_dump(settings, sort_keys=False, allow_unicode=True))
     config = read_config(_merged(_values(root), settings), str(config_file))
-    shared = _link(root, folder, own_exemplars=request.mesh is not None)
+    shared = _link(root, folder, config, own_exemplars=request.mesh is not None)
     refs = list_photos(PhotosConfig(**settings["photos"]))
     return PhotoRun(
         folder,
         config_file,
         config,
         {ref.frame_id: sources[ref.file] for ref in refs},
-        shared + _exemplars(config, [ref.category for ref in refs], request),
+        shared + _exemplars(root, config, [ref.category for ref in refs], request),
     )
 
 
@@ -202,20 +203,28 @@ def _settings(
     return settings
 
 
-def _exemplars(config: RunConfig, named: Sequence[str], request: Request) -> tuple[str, ...]:
+def _exemplars(
+    root: Path, config: RunConfig, named: Sequence[str], request: Request
+) -> tuple[str, ...]:
     """The exemplar files that the checkout has to have; none where the run builds its own."""
     if request.mesh is not None:
         return ()
-    known = known_categories(config.exemplars)
+    own = own_objects(root / config.assets.own_objects)
+    known = with_own_categories(known_categories(config.exemplars), own)
     wanted = {exemplar_category(name, known) for name in named}
     names = known if AUTO in wanted else sorted(wanted & set(known))
     return tuple(f"resources/exemplars/{name}.npz" for name in names)
 
 
-def _link(root: Path, folder: Path, own_exemplars: bool) -> tuple[str, ...]:
+def _link(root: Path, folder: Path, config: RunConfig, own_exemplars: bool) -> tuple[str, ...]:
     """Show the run the checkout's files; returns those that must be made there first."""
-    for name in ("src", "config"):
-        _symlink(root / name, folder / name)
+    exemplars = config.exemplars
+    named = (config.assets.own_objects, exemplars.folder, exemplars.partnet, exemplars.shapenet)
+    relative = [Path(name) for name in named if name and not Path(name).expanduser().is_absolute()]
+    for path in (Path("src"), Path("config"), *relative):
+        if (root / path).exists() and ".." not in path.parts:
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            _symlink(root / path, folder / path)
     resources = folder / "resources"
     if resources.is_symlink():
         resources.unlink()

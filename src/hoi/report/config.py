@@ -1,6 +1,6 @@
 """Settings of everything that is drawn. None of them changes a number in a table."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -32,6 +32,22 @@ class ReportConfig(Settings):
         default=5, ge=1, description="exemplar pictures a method (Section 3.1: 5)"
     )
     max_candidates: int = Field(default=12, ge=1, description="detector boxes listed on a page")
+
+    ablation: bool = Field(
+        default=True, description="pages of the ablation's group show the ablation's methods, too"
+    )
+    poor_cm: float = Field(
+        default=20.0, gt=0, description="object errors above are shown as failures, cm"
+    )
+    turned_share: float = Field(
+        default=0.1,
+        gt=0,
+        description="distance between surfaces, of the diagonal, from which an object counts as "
+        "turned or shaped wrongly",
+    )
+    groups: tuple[Literal["chair", "table", "keyboard", "backpack"], ...] = Field(
+        default=("chair",), description="table groups that results/index.html shows"
+    )
 
     crop_margin: float = Field(
         default=0.25, ge=0, description="margin about person and object, of its side"

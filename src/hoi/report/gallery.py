@@ -8,9 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hoi.artifacts import Detection, Frame
+from hoi.artifacts import Detection, Frame, GroundTruth
+from hoi.report.causes import CAUSES, cause_of_error, cause_of_stop
 from hoi.report.config import ReportConfig
 from hoi.report.html import image_url, render, source
+from hoi.report.labels import method_label
 from hoi.report.outcomes import number
 from hoi.report.page import MethodView
 
@@ -26,11 +28,12 @@ class Problem:
 
 @dataclass(frozen=True)
 class MethodScore:
-    """Errors of one method on one frame in cm, or the problem that stopped it."""
+    """Errors of one method on one frame in cm, the problem that stopped it, the failure's cause."""
 
     human_cm: float | None = None
     object_cm: float | None = None
     problem: Problem | None = None
+    cause: str = ""  # of a failure, see hoi.report.causes
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +45,7 @@ class Card:
         href: path of the frame's page relative to the gallery; empty without a page.
         image: (H, W, 3) uint8 RGB, e.g. of `hoi.report.overlay.thumbnail`; None for no picture.
         scores: by method, in the order of the tables.
+        note: what came out, for frames without errors.
     """
 
     frame_id: str
@@ -51,6 +55,7 @@ class Card:
     href: str = ""
     image: np.ndarray | None = None
     scores: Mapping[str, MethodScore] = field(default_factory=dict)
+    note: str = ""
 
     @property
     def status(self) -> str:
@@ -66,8 +71,11 @@ def card_of(
     methods: Sequence[MethodView],
     href: str = "",
     image: np.ndarray | None = None,
+    truth: GroundTruth | None = None,
+    config: ReportConfig | None = None,
 ) -> Card:
-    """The card of a frame from its artifacts."""
+    """The card of a frame from its artifacts; `truth` tells causes of large errors apart."""
+    config = config or ReportConfig()
     upstream = next((a for a in (frame, detection) if a is not None and not a.ok), None)
     scores = {}
     for method in methods:
@@ -75,13 +83,32 @@ def card_of(
         if upstream is not None:
             stage = upstream.failed_stage or ("frame" if upstream is frame else "detect")
             found = upstream.status, stage, upstream.detail
-        score = method.evaluation
+        score, joint = method.evaluation, method.joint
+        cause = "" if found is None else cause_of_stop(found[1])
+        if found is None and score is not None and score.ok and joint is not None and joint.ok:
+            cause = cause_of_error(joint, score, truth, config)
         scores[method.name] = MethodScore(
             None if score is None else score.human_cm,
             None if score is None else score.object_cm,
             None if found is None else Problem(*found),
+            cause,
         )
-    return Card(frame.frame_id, frame.dataset, frame.category, frame.action, href, image, scores)
+    note = _note(methods[-1]) if methods else ""
+    return Card(
+        frame.frame_id, frame.dataset, frame.category, frame.action, href, image, scores, note
+    )
+
+
+def _note(method: MethodView) -> str:
+    """What came out of a photo: action and size."""
+    joint = method.joint
+    if joint is None or not joint.ok or joint.object_vertices is None:
+        return ""
+    points = joint.object_vertices
+    if joint.object_rotation is not None:
+        points = points @ joint.object_rotation
+    size = " × ".join(f"{side:.2f}" for side in points.max(axis=0) - points.min(axis=0))
+    return f"{joint.action or 'uses it'} · object {size} m"
 
 
 def pick_frames(frames: Sequence[tuple[str, str]], limit: int) -> list[str]:
@@ -135,13 +162,38 @@ def failures_by_cause(cards: Iterable[Card]) -> list[dict[str, str]]:
     ]
 
 
+def causes_by_method(cards: Sequence[Card], methods: Sequence[str]) -> dict[str, list]:
+    """How many frames failed for which cause, by method, in the order of the pipeline.
+
+    ``rows``: cause, meaning and ``cells`` of method and count; ``totals``: failed frames by method.
+    """
+    counts = Counter(
+        (score.cause, name) for card in cards for name, score in card.scores.items() if score.cause
+    )
+    rows = [
+        {
+            "cause": cause,
+            "meaning": meaning,
+            "cells": [{"method": name, "count": counts[cause, name]} for name in methods],
+        }
+        for cause, meaning in CAUSES.items()
+        if any(counts[cause, name] for name in methods)
+    ]
+    totals = [sum(counts[cause, name] for cause in CAUSES) for name in methods]
+    return {"rows": rows, "totals": totals}
+
+
 def gallery_page(
-    cards: Sequence[Card], config: ReportConfig | None = None, heading: str = "All frames"
+    cards: Sequence[Card],
+    config: ReportConfig | None = None,
+    heading: str = "All frames",
+    tables: Sequence[str] = (),
 ) -> str:
     """The gallery as one HTML string; equal inputs give equal text.
 
     It fetches nothing. Links to the frames' pages are relative; inside Snakemake's report, where
-    no relative link can work, they are shown as plain text.
+    no relative link can work, they are shown as plain text. `tables` are HTML fragments, see
+    :func:`hoi.report.tables.as_html`.
     """
     config = config or ReportConfig()
     shown = cards[: config.max_cards]
@@ -151,6 +203,10 @@ def gallery_page(
         style=source("style.css") + source("gallery.css"),
         script=source("gallery.js"),
         heading=heading,
+        tables=tables,
+        summary=_summary(cards, methods),
+        causes=causes_by_method(cards, methods),
+        measured=any(score.object_cm is not None for c in cards for score in c.scores.values()),
         cards=[_card(card, methods, config) for card in shown],
         left_out=len(cards) - len(shown),
         total=len(cards),
@@ -161,7 +217,23 @@ def gallery_page(
         ],
         failures=failures_by_cause(cards),
         failed=sum(card.status != "ok" for card in cards),
+        config=config,
     )
+
+
+def _summary(cards: Sequence[Card], methods: Sequence[str]) -> list[dict[str, str]]:
+    """A few figures at a glance: frames, how many came through, each method's median error."""
+    if not cards:
+        return []
+    through = sum(card.status == "ok" for card in cards)
+    tiles = [{"value": f"{through} / {len(cards)}", "label": "frames reconstructed"}]
+    for name in [m for m in methods if m in ("phosa", "ours")] or methods[:2]:
+        found = [c.scores[name].object_cm for c in cards if name in c.scores]
+        errors = [error for error in found if error is not None]
+        if errors:
+            label = f"cm, median object error, {method_label(name)}"
+            tiles.append({"value": f"{np.median(errors):.1f}", "label": label})
+    return tiles
 
 
 def _card(card: Card, methods: list[str], config: ReportConfig) -> dict[str, object]:
@@ -177,12 +249,16 @@ def _card(card: Card, methods: list[str], config: ReportConfig) -> dict[str, obj
         "detail": "" if first is None or card.status == "ok" else f"{first.stage}: {first.detail}",
         "url": "" if card.image is None else image_url(card.image, config),
         "size": None if card.image is None else (card.image.shape[1], card.image.shape[0]),
+        "note": card.note,
+        "measured": any(s.object_cm is not None or s.problem is not None for _, s in scores),
+        "causes": ";".join(f"{name}={s.cause}" for name, s in scores if s.cause),
         "keys": ["" if s.object_cm is None else f"{s.object_cm:.4f}" for _, s in scores],
         "scores": [
             {
                 "name": name,
                 "human": number(score.human_cm, 1),
                 "object": number(score.object_cm, 1),
+                "cause": score.cause,
                 "status": "" if score.problem is None else score.problem.status,
             }
             for name, score in scores

@@ -364,6 +364,15 @@ def jpeg(image: np.ndarray, quality: int) -> bytes:
     return buffer.getvalue()
 
 
+def webp(image: np.ndarray, quality: int) -> bytes:
+    """WebP bytes of an RGB picture; the same picture gives the same bytes."""
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "WEBP", quality=quality, method=4)
+    return buffer.getvalue()
+
+
 def stopped_panel(
     name: str,
     title: str,

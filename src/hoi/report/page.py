@@ -25,6 +25,7 @@ from hoi.artifacts import (
     Prior,
 )
 from hoi.errors import AssetError
+from hoi.report.causes import cause_of_error, cause_of_stop
 from hoi.report.config import ReportConfig
 from hoi.report.html import image_url, render, source
 from hoi.report.labels import method_label
@@ -48,8 +49,9 @@ from hoi.report.overlay import (
     exemplar_panels,
     joint_panels,
 )
-from hoi.report.scene import Reconstruction, of_joint, of_truth, scene_glb
+from hoi.report.scene import CAMERA_UP, Reconstruction, gravity_up, of_joint, of_truth
 from hoi.report.viewer import packed, three_js
+from hoi.report.webscene import web_scene
 
 if TYPE_CHECKING:
     from hoi.exemplars.library import Exemplar
@@ -95,6 +97,9 @@ def frame_page(
     config: ReportConfig | None = None,
     *,
     truth: GroundTruth | None = None,
+    seconds: Mapping[str, float] | None = None,
+    settings: Mapping[str, object] | None = None,
+    index: str = "",
 ) -> str:
     """The page of one frame as one HTML string; equal inputs give equal text.
 
@@ -104,9 +109,13 @@ def frame_page(
         body_faces: (F, 3) of the body model that the methods used.
         exemplars: of the frame's category, by name or in a row.
         truth: true meshes, shown in 3D beside the methods when given.
+        seconds: what each stage took.
+        settings: the configuration behind the results, as plain data.
+        index: where the list of all frames is, relative to the page; empty for none.
     """
     config = config or ReportConfig()
-    scenes, viewer_problem = _scenes(frame, methods, truth, body_faces, config)
+    up = frame_up(methods)
+    scenes, data, viewer_problem = _scenes(frame, methods, truth, body_faces, config, up)
     detected = _picture(detection_panel(frame, detection, config), config)
     bodies = _shared_panels(
         methods,
@@ -125,12 +134,15 @@ def frame_page(
             method.name,
             [
                 _picture(panel, config)
-                for panel in joint_panels(frame, detection, method.joint, body_faces, config)
+                for panel in joint_panels(frame, detection, method.joint, body_faces, config, up)
             ],
+            _verdict(method, truth, config),
         )
         for method in methods
     ]
-    _quieten([detected, *(p for _, panels in (*bodies, *fits, *results) for p in panels)])
+    _quieten([detected, *(p for _, panels in (*bodies, *fits) for p in panels)])
+    _quieten([panel for _, panels, _ in results for panel in panels])
+    taken = dict(seconds or {})
     return render(
         "frame.html.j2",
         style=source("style.css") + source("frame.css"),
@@ -138,19 +150,64 @@ def frame_page(
         library=packed(three_js().encode()) if scenes else "",
         frame=frame,
         file_name=re.sub(r"[^A-Za-z0-9._-]+", "_", frame.frame_id),
+        index=index,
         problem=_problem(frame, detection, methods),
-        errors=_errors(methods),
+        headline=_headline(frame, methods),
         protocol=_protocol(methods),
         detection=detected,
         bodies=bodies,
         fits=fits,
         results=results,
         scenes=scenes,
-        first_scene=next((s["name"] for s in scenes if s["name"] == SHOWN_FIRST), ""),
+        scenes_glb=data,
+        photo=_texture(frame, config) if scenes else "",
+        first_scene=next((name for name in scenes if name == SHOWN_FIRST), ""),
         viewer_problem=viewer_problem,
         outcomes=_outcomes(detection, methods, config),
+        seconds=list(taken.items()),
+        total_seconds=sum(taken.values()),
+        settings=_as_yaml(settings),
         config=config,
     )
+
+
+def frame_up(methods: Sequence[MethodView]) -> np.ndarray:
+    """(3,) against gravity in the camera's frame: what the method shown first says, else others."""
+    for method in sorted(methods, key=lambda method: method.name != SHOWN_FIRST):
+        up = gravity_up(method.joint, method.prior)
+        if up is not CAMERA_UP:
+            return up
+    return CAMERA_UP
+
+
+def _texture(frame: Frame, config: ReportConfig) -> str:
+    """The photo that the 3D view hangs up where its camera saw it."""
+    import cv2
+
+    if frame.image is None:
+        return ""
+    height, width = frame.image.shape[:2]
+    across = min(width, config.image_width)
+    size = (across, max(1, round(height * across / width)))
+    return image_url(cv2.resize(frame.image, size, interpolation=cv2.INTER_AREA), config)
+
+
+def _as_yaml(settings: Mapping[str, object] | None) -> str:
+    import yaml
+
+    return yaml.safe_dump(settings, sort_keys=False, allow_unicode=True) if settings else ""
+
+
+def _headline(frame: Frame, methods: Sequence[MethodView]) -> str:
+    """One sentence on the method shown first: what the person does, with what, how good."""
+    shown = next((m for m in methods if m.name == SHOWN_FIRST and m.joint is not None), None)
+    if shown is None or shown.joint is None or not shown.joint.ok:
+        return ""
+    count = 0
+    if shown.joint.contact_vertices is not None:
+        count = int((shown.joint.contact_vertices > 0).sum())
+    touch = f"; {count} vertices of the body touch it" if count else ""
+    return f"{shown.joint.action or 'uses'}, {frame.category}{touch}"
 
 
 def _picture(panel: Panel, config: ReportConfig) -> dict[str, str]:
@@ -210,22 +267,20 @@ def _problem(
     return problems[0] if problems and all(problems) else None
 
 
-def _errors(methods: Sequence[MethodView]) -> list[dict[str, str]]:
-    rows = []
-    for method in methods:
-        found = method.evaluation
-        problem = method.problem()
-        rows.append(
-            {
-                "name": method.name,
-                "human": number(None if found is None else found.human_cm, 1),
-                "object": number(None if found is None else found.object_cm, 1),
-                "action": (found.used_action if found is not None else "")
-                or (method.joint.action if method.joint is not None else ""),
-                "status": "ok" if problem is None else problem[0],
-            }
-        )
-    return rows
+def _verdict(method: MethodView, truth: GroundTruth | None, config: ReportConfig) -> dict[str, str]:
+    """What stands beside a method's pictures: errors, action, status, the cause of a failure."""
+    found, problem = method.evaluation, method.problem()
+    cause = cause_of_stop(problem[1]) if problem is not None else ""
+    if found is not None and found.ok and method.joint is not None and method.joint.ok:
+        cause = cause_of_error(method.joint, found, truth, config)
+    return {
+        "human": number(None if found is None else found.human_cm, 1),
+        "object": number(None if found is None else found.object_cm, 1),
+        "action": (found.used_action if found is not None else "")
+        or (method.joint.action if method.joint is not None else ""),
+        "status": "ok" if problem is None else problem[0],
+        "cause": cause,
+    }
 
 
 def _protocol(methods: Sequence[MethodView]) -> str:
@@ -239,34 +294,28 @@ def _scenes(
     truth: GroundTruth | None,
     body_faces: np.ndarray,
     config: ReportConfig,
-) -> tuple[list[dict[str, str]], str]:
-    """Compressed GLBs by name for the 3D view, and why there is none if so."""
+    up: np.ndarray,
+) -> tuple[list[str], str, str]:
+    """Names of the scenes, their compressed GLB, and why there is none if so."""
     found: list[tuple[str, Reconstruction]] = [
-        (method.name, of_joint(method.joint, body_faces))
+        (method.name, of_joint(method.joint, body_faces, up))
         for method in methods
         if method.joint is not None and method.joint.ok
     ]
+    # the floor of the method shown first is that of all
+    found.sort(key=lambda named: named[0] != SHOWN_FIRST)
     if truth is not None and truth.ok:
-        found.append((TRUTH, of_truth(truth)))
+        found.append((TRUTH, of_truth(truth, up)))
     if not found:
-        return [], "No method came as far as a scene, so there is nothing to show in 3D."
+        return [], "", "No method came as far as a scene, so there is nothing to show in 3D."
     try:
         three_js()
     except AssetError as error:
-        return [], str(error)
+        return [], "", str(error)
     size = None if frame.image is None else (frame.image.shape[1], frame.image.shape[0])
-    scenes = []
-    for name, reconstruction in found:
-        data = scene_glb(
-            reconstruction,
-            config,
-            intrinsics=frame.intrinsics,
-            image_size=size,
-            description=f"{frame.frame_id} {name}",
-            compact=True,
-        )
-        scenes.append({"name": name, "data": packed(data)})
-    return scenes, ""
+    data = web_scene(found, config, intrinsics=frame.intrinsics, image_size=size, up=up)
+    order = [method.name for method in methods] + [TRUTH]
+    return sorted((name for name, _ in found), key=order.index), packed(data), ""
 
 
 def _outcomes(

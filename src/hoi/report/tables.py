@@ -56,6 +56,7 @@ class LaidOutTable:
         rows: label and cells, as many as all groups have columns.
         rule_before: index of the row (the average) that a line sets off, if any.
         notes: lines below the table.
+        links: one address a cell, in the shape of `rows`; empty for none.
     """
 
     title: str
@@ -65,6 +66,7 @@ class LaidOutTable:
     rows: tuple[tuple[str, tuple[str, ...]], ...]
     rule_before: int | None = None
     notes: tuple[str, ...] = ()
+    links: tuple[tuple[str, ...], ...] = ()
 
 
 def read_results(path: Path | str) -> pd.DataFrame:
@@ -120,6 +122,25 @@ def ablation_layout(
     return tuple(
         _by_method(part, protocol, methods, detail, reference) for part, protocol in _parts(results)
     )
+
+
+def linked(table: LaidOutTable, gallery: str, methods: Iterable[str]) -> LaidOutTable:
+    """The table with every number linked to its frames, worst first, in the page `gallery`."""
+    names = {method_label(name): name for name in methods}
+    names |= {f"{label} (full)": name for label, name in names.items()}  # of the ablation
+
+    def address(row: str, group: str) -> str:
+        method = names.get(group) or names.get(row)
+        if method is None:
+            return ""  # a number in print has no frames here
+        of_action = "" if row in names or row.lower().startswith("av") else f"&action={row.lower()}"
+        return f"{gallery}#order=worst:{method}{of_action}"
+
+    links = tuple(
+        tuple(address(row, label) for label, heads in table.groups for _ in heads)
+        for row, _ in table.rows
+    )
+    return replace(table, links=links)
 
 
 def as_text(table: LaidOutTable, width: int = 100) -> str:
