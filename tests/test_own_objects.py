@@ -36,7 +36,8 @@ from hoi.own_objects.merging import merge_all
 from hoi.own_objects.mesh_file import is_name, label_regions, read_mesh_file
 from hoi.own_objects.orientation import canonical_from_file, guess_orientation, surface_points
 from hoi.own_objects.prepare import MeshOptions, Prepared, prepare_mesh
-from hoi.priors.config import PriorsConfig
+from hoi.priors.config import ClientConfig, PriorsConfig
+from hoi.priors.recordings import Question
 from hoi.priors.stage import PriorStage
 from hoi.priors.tables import NEEDED_TABLES, RECORDED, RICHER_TABLES
 from own_object_meshes import stroller, umbrella, write_glb
@@ -466,3 +467,49 @@ def load_library_of(folder, category):
 def test_the_folder_need_not_exist(tmp_path):
     assert own_objects(tmp_path / "nothing") == {}
     assert own_objects("") == {}
+
+
+# -------------------------------------------------------------------------- language model
+
+
+class Recorded:
+    """A language model whose every answer was recorded."""
+
+    def __init__(self, size, *contacts):
+        self.config = ClientConfig(model="some-model", samples=max(len(contacts), 1))
+        self._size, self._contacts = size, contacts
+
+    def question(self, prompt, stop, template=""):
+        return Question(
+            api="completions", model="some-model", prompt=prompt, stop=stop, template=template
+        )
+
+    def ask(self, question, sample=0, again=False):
+        assert "umbrella" in question.prompt
+        return self._size if question.template.startswith("size") else self._contacts[sample]
+
+
+def test_a_language_model_is_asked_for_size_and_contacts(glb, tmp_path, quick, monkeypatch):
+    model = Recorded("90 cm", "handle/hands", "grip/left hand, handle/hands", "handle/tentacle")
+    monkeypatch.setattr(adding, "model_of", lambda config: model)
+    wishes = adding.Wishes(glb["umbrella"], "umbrella", "mine", asked=("hold",))
+    done = adding.add_object(wishes, tmp_path, load_config(CONFIG))
+    assert done.accepted and "grip/left hand" in done.report and "tentacle" in done.report
+    described = own_objects(tmp_path)["umbrella"]
+    (contact,) = described.actions["hold"].contacts
+    assert (contact.object, contact.body, contact.side) == ("handle", "hand", "")
+    assert contact.probability == pytest.approx(2 / 3, abs=1e-3)
+    assert (described.size_m, described.size_source) == (0.9, "answer of some-model")
+
+
+def test_answers_about_no_part_of_the_mesh_are_no_contacts(glb, tmp_path, quick, monkeypatch):
+    monkeypatch.setattr(adding, "model_of", lambda config: Recorded("1m", "rudder/hands"))
+    wishes = adding.Wishes(glb["umbrella"], "umbrella", "mine", asked=("hold",))
+    with pytest.raises(ConfigError, match=r"rudder/hands.*--contact"):
+        adding.add_object(wishes, tmp_path, load_config(CONFIG))
+
+
+def test_asking_without_a_configured_model_says_what_to_configure(glb, tmp_path, quick):
+    wishes = adding.Wishes(glb["umbrella"], "umbrella", "mine", asked=("hold",))
+    with pytest.raises(ConfigError, match=r"priors\.llm"):
+        adding.add_object(wishes, tmp_path, load_config(CONFIG))

@@ -44,6 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     known.add_argument("--contact", action="append", default=[], metavar="ACTION:PART:BODY",
                        help="who touches what when: push:handle:hands; 'hands' are both, 'hand' "
                        "is either. The first action is the default one")  # fmt: skip
+    known.add_argument("--ask", action="append", default=[], metavar="ACTION",
+                       help="ask the language model of priors.llm (or its recordings) who touches "
+                       "what then, and the size if it is not given")  # fmt: skip
     known.add_argument("--pose", action="append", default=[], metavar="ACTION=ACTION OBJECT",
                        help="what it looks like: 'push=move table'")  # fmt: skip
     known.add_argument("--on-floor", action="append", default=[], metavar="ACTION",
@@ -85,6 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
         | {name: False for name in arguments.off_floor},
         like=arguments.like,
         detector_labels=tuple(arguments.detector_label),
+        asked=tuple(arguments.ask),
     )
     folder = arguments.folder or Path(config.assets.own_objects)
     added = add_object(wishes, folder, config, ask=_asker() if asks else None)

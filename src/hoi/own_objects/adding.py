@@ -12,6 +12,7 @@ from hoi.config import RunConfig
 from hoi.errors import ConfigError
 from hoi.exemplars.categories import known_categories
 from hoi.exemplars.library import Exemplar, save_library
+from hoi.own_objects.asking import model_of, said_contacts, said_size
 from hoi.own_objects.description import (
     PICTURE,
     OwnAction,
@@ -34,6 +35,7 @@ from hoi.own_objects.knowledge import (
 )
 from hoi.own_objects.picture import draw_picture
 from hoi.own_objects.prepare import MeshOptions, Prepared, prepare_mesh
+from hoi.priors.client import LanguageModel
 from hoi.priors.tables import PriorTables, load_tables
 
 Ask = Callable[[str], str]
@@ -60,6 +62,7 @@ class Wishes:
     floor: Mapping[str, bool] = field(default_factory=dict)
     like: str | None = None
     detector_labels: tuple[str, ...] = ()
+    asked: tuple[str, ...] = ()  # actions whose contacts the language model says
 
 
 class Added(NamedTuple):
@@ -94,12 +97,20 @@ def add_object(wishes: Wishes, folder: Path, config: RunConfig, ask: Ask | None 
     known = _known(category, path, config)
     options = _mesh_options(wishes)
     prepared = prepare_mesh(wishes.mesh, category, wishes.name, options)
+    model = model_of(config.priors.llm) if wishes.asked else None
     picture = path.parent / PICTURE
     title = f"{category} (as `hoi add-object` understood it)"
     draw_picture(prepared.exemplar, picture, title, prepared.notes)
     contacts = _contacts(wishes, prepared.exemplar.part_names, known, ask, picture)
+    notes = list(prepared.notes)
+    for action in map(plain_words, wishes.asked if model else ()):
+        assert model is not None
+        said = said_contacts(model, category, action, prepared.exemplar.part_names)
+        contacts.setdefault(action, []).extend(said.contacts)
+        notes += [f"left out of the model's answer for {action}: {text}" for text in said.unmapped]
+    prepared = prepared._replace(notes=tuple(notes))
     actions = _actions(wishes, category, contacts, prepared.exemplar.part_names, known)
-    described = _described(wishes, category, prepared, actions, known)
+    described = _described(wishes, category, prepared, actions, known, model)
     if not described.actions and not known.shipped:
         return Added(False, _nothing_known(category, prepared.exemplar, picture))
     if ask is not None:
@@ -152,7 +163,7 @@ def _contacts(
 ) -> dict[str, list[OwnContact]]:
     """Contacts by action: what was said, else what is answered now."""
     said = [parse_contact(text) for text in wishes.contacts]
-    nothing = not said and not wishes.like and not known.shipped
+    nothing = not (said or wishes.like or wishes.asked or known.shipped)
     if nothing and known.old is None and ask is not None:
         print(f"{picture} shows the mesh; its parts are {', '.join(parts)}.")
         print("Who touches what? One contact a line, as push:handle:hands; an empty line ends.")
@@ -190,9 +201,12 @@ def _described(
     prepared: Prepared,
     actions: dict[str, OwnAction],
     known: _Known,
+    model: LanguageModel | None,
 ) -> OwnObject:
     """The description that will be written."""
     size_m, axis, source = wishes.size_m, wishes.size_axis, GIVEN
+    if size_m is None and model is not None:
+        size_m, source = said_size(model, category), f"answer of {model.config.model}"
     if size_m is None and category not in known.tables.sizes:
         size_m, axis = round(float(prepared.exemplar.size.max()), 3), "longest"
         source = f"measured on {wishes.mesh.name}"
