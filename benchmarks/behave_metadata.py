@@ -7,9 +7,9 @@ layout, one full-size picture linked into every frame, and times what a run does
 listing the frames of all tables, `hoi check-data`'s look into every frame, and the digests of the
 raw files, once afresh and once remembered.
 
-Measured on a 2-core virtual machine: 3.2 s of CPU for the metadata (0.7 s listing, 2.5 s looking
-into pictures' headers, keypoints and fits of every frame) and 1.7 s for remembered digests; 23 s by
-the clock while seven other jobs wanted each core. Digests afresh hash all raw files, about 1 GB/s.
+Measured on a 2-core virtual machine that twenty other jobs wanted: metadata 2.1 s of CPU, 4.9 s by
+the clock (0.4 s listing, 4.5 s looking into pictures' headers, keypoints and fits of every frame);
+remembered digests 1.7 s of CPU. Digests afresh hash all raw files, about 1 GB/s.
 """
 
 from __future__ import annotations
