@@ -1,5 +1,6 @@
 # make demo   set up, then reconstruct the embedded data set and print the paper's table
 # make test   set up, then lint, type check and run every test
+# make bench  the quick benchmarks, CSV files into benchmarks/results
 # make report the HTML report of everything that was computed
 # Variables:  JOBS=2 parallel jobs; PYTHON=python3.11; TORCH_INDEX=<url of PyTorch's CPU wheels>
 
@@ -9,7 +10,7 @@ TORCH_INDEX ?=
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: help demo test lint setup report photos local-llm clean
+.PHONY: help demo bench test lint setup report photos local-llm clean
 .DELETE_ON_ERROR:
 
 help:
@@ -28,6 +29,17 @@ lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
+
+# one thread: CPU seconds then do not depend on what else runs. The full sets take longer; every
+# script says how in its first lines. PyTorch3D joins when it is installed.
+bench: export OMP_NUM_THREADS = 1
+bench: export NUMBA_NUM_THREADS = 1
+bench: setup
+	$(BIN)/python benchmarks/silhouette.py --quick --csv quick_silhouette
+	$(BIN)/python benchmarks/pose_recovery.py --quick --csv quick_pose_recovery
+	$(BIN)/python benchmarks/joint.py --quick --csv quick_joint
+	$(BIN)/python benchmarks/scaling.py --quick
+	$(BIN)/python benchmarks/smplify.py
 
 report: setup
 	$(BIN)/snakemake -j$(JOBS)

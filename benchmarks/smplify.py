@@ -9,37 +9,20 @@ Three ways to get the keypoints of B bodies and their derivative by all paramete
 - closed form: forward kinematics and the full derivative (21 x 3 x 82) without back-propagation,
   which is what a Levenberg-Marquardt step needs. Back-propagation gives one gradient only.
 
-Measured on one thread of a 2-core virtual machine that other jobs loaded, torch 2.13 CPU,
-milliseconds of CPU time per iteration:
-
-    B =   1  all vertices   6.92 ( 1.0x)   keypoints alone   4.01 ( 1.7x)   closed form   2.41
-    B =   8  all vertices  17.75 ( 1.0x)   keypoints alone   3.70 ( 4.8x)   closed form   2.90
-    B =  64  all vertices 136.49 ( 1.0x)   keypoints alone   6.87 (19.9x)   closed form   6.52
-
-The embedded body has no pose blend shapes; real SMPL's make the first column dearer.
+Milliseconds of CPU time per iteration on one thread go to ``results/smplify.csv``. The embedded
+body has no pose blend shapes; real SMPL's make the first column dearer.
 """
 
-import time
-from collections.abc import Callable
+from typing import Any
 
 import torch
+from measure import milliseconds, rounded, show, write_csv
 
 from hoi.body import DEFAULT_BODY, BodyModel
 from hoi.body.jacobian import KeypointKinematics
 from hoi.body.keypoints import KEYPOINTS, SURFACE_KEYPOINTS
 from hoi.body.skeleton import JOINT
 from hoi.geometry import axis_angle_to_matrix
-
-
-def milliseconds(function: Callable[[], object], repeats: int) -> float:
-    """Median CPU time of a call."""
-    function()
-    times = []
-    for _ in range(repeats):
-        start = time.process_time()
-        function()
-        times.append(1e3 * (time.process_time() - start))
-    return sorted(times)[len(times) // 2]
 
 
 def by_all_vertices(model: BodyModel, parameters: list[torch.Tensor]) -> torch.Tensor:
@@ -53,7 +36,8 @@ def by_all_vertices(model: BodyModel, parameters: list[torch.Tensor]) -> torch.T
     )
 
 
-def compare(batch: int) -> None:
+def compare(batch: int) -> dict[str, Any]:
+    """One row."""
     model = BodyModel.load(DEFAULT_BODY)
     precise = BodyModel.load(DEFAULT_BODY, dtype=torch.float64)
     kinematics = KeypointKinematics(precise)
@@ -64,24 +48,25 @@ def compare(batch: int) -> None:
     root = axis_angle_to_matrix(parameters[0]).detach().double()
     pose, betas = (p.detach().double() for p in parameters[1:3])
     times = {
-        "all vertices": milliseconds(
-            lambda: by_all_vertices(model, parameters).square().sum().backward(), 15
+        "all_vertices_ms": milliseconds(
+            lambda: by_all_vertices(model, parameters).square().sum().backward(), repeats=9
         ),
-        "keypoints alone": milliseconds(
-            lambda: model.keypoints(*parameters).square().sum().backward(), 40
+        "keypoints_ms": milliseconds(
+            lambda: model.keypoints(*parameters).square().sum().backward(), repeats=20
         ),
-        "closed form": milliseconds(lambda: kinematics(root, pose, betas), 40),
+        "closed_form_ms": milliseconds(lambda: kinematics(root, pose, betas), repeats=20),
     }
-    whole = times["all vertices"]
-    print(
-        f"B = {batch:3d}  "
-        + "   ".join(
-            f"{name} {value:6.2f} ({whole / value:4.1f}x)" for name, value in times.items()
-        )
-    )
+    return {"bodies": batch} | {name: rounded(value) for name, value in times.items()}
+
+
+def main() -> None:
+    torch.set_num_threads(1)
+    rows = []
+    for size in (1, 8, 64):
+        rows.append(compare(size))
+        show(rows[-1])
+    write_csv("smplify", rows)
 
 
 if __name__ == "__main__":
-    torch.set_num_threads(1)
-    for size in (1, 8, 64):
-        compare(size)
+    main()
