@@ -10,7 +10,7 @@ import pytest
 from hoi.errors import AssetError, ConfigError
 from hoi.exemplars import shapes
 from hoi.exemplars.build import build_library
-from hoi.exemplars.categories import known_categories
+from hoi.exemplars.categories import doubtful_categories, known_categories
 from hoi.exemplars.config import ExemplarsConfig
 from hoi.exemplars.library import load_library
 from hoi.exemplars.partnet import part_name, read_points, read_shape
@@ -101,6 +101,13 @@ def test_the_library_of_a_folder_is_closed_metric_labelled_and_repeats_itself(ch
     again = build_library(settings, tmp_path / "b", "chair", cache=tmp_path / "cache")
     assert again.read_bytes() == first.read_bytes()
     assert known_categories(settings) == ("chair", "stool", "couch")
+
+
+def test_a_category_that_may_be_empty_is_built_only_for_who_names_it(chairs):
+    assert doubtful_categories(config(chairs)) == {"stool", "couch"}
+    beside = config(chairs, sources=("procedural",))
+    assert doubtful_categories(beside) == {"couch"}
+    assert doubtful_categories(ExemplarsConfig()) == frozenset()
 
 
 def test_shapes_that_face_elsewhere_are_turned_by_what_their_parts_say(tmp_path):

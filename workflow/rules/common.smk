@@ -14,7 +14,7 @@ from hoi.config import POSE_DATABASE, read_config
 from hoi.datasets.photos_config import AUTO
 from hoi.digest import code_digest, environment_digest
 from hoi.errors import HoiError
-from hoi.exemplars.categories import known_categories
+from hoi.exemplars.categories import doubtful_categories, known_categories
 from hoi.exemplars.shape_index import folder_state
 from hoi.manifest import INTERACTIONS, PHOTOS, chunk_settings, frame_labels, plan
 from hoi.own_objects.description import (
@@ -127,7 +127,10 @@ def exemplars_of(chunk):
     """Library files of the chunk's categories; a category that nobody can build has none."""
     known = KNOWN_CATEGORIES
     # nobody knows yet what an unnamed photo shows
-    wanted = known if AUTO in chunk.categories else chunk.categories
+    wanted = chunk.categories
+    if AUTO in chunk.categories:
+        doubtful = doubtful_categories(CONFIG.exemplars)
+        wanted = [name for name in known if name not in doubtful]
     return [f"resources/exemplars/{name}.npz" for name in wanted if name in known]
 
 

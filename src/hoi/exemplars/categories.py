@@ -49,3 +49,17 @@ def known_categories(config: ExemplarsConfig) -> tuple[str, ...]:
         return shipped
     own = sorted(entry.name for entry in Path(config.folder).iterdir() if entry.is_dir())
     return tuple(dict.fromkeys((*shipped, *own)))
+
+
+def doubtful_categories(config: ExemplarsConfig) -> frozenset[str]:
+    """Known categories that may turn out to have no shape once all of them are read.
+
+    Nouns that share a PartNet category with another one (stool with chair) and have no other
+    source. A photo that names one asks for it; nobody else should.
+    """
+    if not config.partnet:
+        return frozenset()
+    from hoi.exemplars.shape_index import partnet_nouns, second_nouns
+
+    sure = known_categories(config.model_copy(update={"partnet": ""}))
+    return frozenset(second_nouns(partnet_nouns(config.partnet))) - frozenset(sure)

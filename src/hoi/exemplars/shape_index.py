@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
@@ -38,6 +39,17 @@ def partnet_nouns(root: Path | str, cache_folder: Path = DEFAULT_CACHE) -> tuple
     have = set(shape_index(root, cache_folder).values())
     nouns = dict.fromkeys((*PARTNET_CATEGORY, *MOBILITY_CATEGORY.values()))
     return tuple(noun for noun in nouns if categories_of(noun) & have)
+
+
+def second_nouns(nouns: Iterable[str]) -> list[str]:
+    """Nouns whose PartNet categories all belong to an earlier noun, too."""
+    seen: set[str] = set()
+    second = []
+    for noun in nouns:
+        if categories_of(noun) <= seen:
+            second.append(noun)
+        seen |= categories_of(noun)
+    return second
 
 
 def shape_index(root: Path | str, cache_folder: Path = DEFAULT_CACHE) -> dict[str, str]:
