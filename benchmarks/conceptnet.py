@@ -3,7 +3,7 @@
     python benchmarks/conceptnet.py --lines 4000000 --out benchmarks/conceptnet.csv
 
 The real file has 34,074,917 lines. Generated ones compress better than it does, so unpacking costs
-less here; expect two thirds of this speed on the real file.
+less here.
 """
 
 from __future__ import annotations
