@@ -19,7 +19,8 @@ from hoi.detect.labels import label_weights
 from hoi.errors import AssetError, ConfigError
 from hoi.exemplars.build import build_library
 from hoi.exemplars.config import ExemplarsConfig
-from hoi.exemplars.library import load_library
+from hoi.exemplars.library import load_library, save_library
+from hoi.exemplars.procedural import generate
 from hoi.exemplars.vocabulary import exemplar_category
 from hoi.own_objects import adding, picture
 from hoi.own_objects.description import (
@@ -426,6 +427,12 @@ def test_an_unknown_category_is_its_own_meshes_and_a_known_one_keeps_the_package
     build_library(config, tmp_path, "stroller", own=files)
     (only,) = load_library(tmp_path, "stroller")
     assert only.name == "my_stroller" and only.category == "stroller"
+
+    mine = replace(generate("mug", 9), name="my_mug")
+    save_library([mine], tmp_path / "my_mug.npz")
+    build_library(config, tmp_path / "both", "mug", own=[tmp_path / "my_mug.npz"])
+    names = [exemplar.name for exemplar in load_library(tmp_path / "both", "mug")]
+    assert names[0] == "my_mug" and len(names) == 3
 
 
 def test_detector_labels_concern_the_photos_of_their_object_alone(added):
