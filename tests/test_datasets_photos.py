@@ -1,6 +1,7 @@
 """Folders of photos: cameras from EXIF, objects by name, own masks, honest failures."""
 
 import math
+from pathlib import Path
 import sys
 
 import numpy as np
@@ -133,16 +134,17 @@ def test_notes_that_make_no_sense_are_named_with_photo_and_key(tmp_path, said):
 
 
 def test_changed_notes_make_the_photo_another_one(tmp_path):
-    from hoi.config import RunConfig, TablesConfig
+    from hoi.config import load_config
     from hoi.manifest import plan
+
+    shipped = load_config(Path(__file__).parents[1] / "config" / "config.yaml")
 
     save(tmp_path / "a.jpg")
     digests = set()
     for said in ("chair", "{object: chair, person: 1}", "{object: chair, box: [0, 0, 9, 9]}"):
         (tmp_path / "objects.yaml").write_text(f"a: {said}")
         photos = PhotosConfig(folder=str(tmp_path))
-        tables = TablesConfig(methods=(), ablation=())
-        config = RunConfig(photos=photos, tables=tables, memo=str(tmp_path / "memo"))
+        config = shipped.model_copy(update={"photos": photos, "memo": str(tmp_path / "memo")})
         (chunk,) = plan(config, "photos")
         digests.add(chunk.frames[0].digest)
     assert len(digests) == 3
