@@ -1,8 +1,8 @@
 """Folders of photos: cameras from EXIF, objects by name, own masks, honest failures."""
 
 import math
-from pathlib import Path
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
