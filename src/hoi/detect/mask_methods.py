@@ -74,11 +74,11 @@ def mask_table(rows: Iterable[dict[str, object]]) -> pd.DataFrame:
     table = pd.DataFrame(rows, columns=["photo", "category", "box", "method", "iou"])
     table = pd.concat([table, table.assign(category=ALL)], ignore_index=True)
     groups = table.groupby(["category", "box"], sort=False)
-    counts = groups["photo"].nunique().rename("n")
+    counts = pd.DataFrame({"n": groups["photo"].nunique()})
     means = table.pivot_table(
         index=["category", "box"], columns="method", values="iou", aggfunc="mean", sort=False
     )
-    return counts.to_frame().join(means).reset_index()
+    return counts.join(means).reset_index()
 
 
 def _box(image: np.ndarray, box: Box, pose: PersonPose, seed: int) -> tuple[np.ndarray, str]:
