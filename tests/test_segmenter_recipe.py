@@ -30,7 +30,7 @@ from hoi.segmenter.pictures import (
 from hoi.segmenter.runtime import MaskNetwork
 from hoi.segmenter.samples import SampleSet
 from hoi.segmenter.scenes import Composer
-from hoi.segmenter.training import mask_loss, phases, train
+from hoi.segmenter.training import mask_loss, phases, read_weights, train
 from segmenter_packs import write_packs
 
 REPO = Path(__file__).parents[1]
@@ -184,11 +184,18 @@ def test_an_interrupted_training_ends_as_one_that_was_not(samples, untrained, tm
     config = TRAIN.model_copy(update={"init": str(untrained)})
     nowhere = tmp_path / "nanodet.onnx"
     whole = weights(train(samples, config, 5, nowhere, tmp_path / "whole.pt"))
+    seen: list[int] = []
+
+    def note(step, average):
+        seen.append(step)
+
     for _ in range(2):  # leaves off inside each phase
-        train(samples, config, 5, nowhere, tmp_path / "parts.pt", stop_after=2)
-    parts = weights(train(samples, config, 5, nowhere, tmp_path / "parts.pt"))
+        train(samples, config, 5, nowhere, tmp_path / "parts.pt", stop_after=2, watch=note)
+    parts = weights(train(samples, config, 5, nowhere, tmp_path / "parts.pt", watch=note))
+    assert seen == [2, 4, 5]  # no step was taken twice
     assert all(torch.equal(whole[name], parts[name]) for name in whole)
-    finished = weights(train(samples, config, 5, nowhere, tmp_path / "parts.pt"))
+    finished = weights(train(samples, config, 5, nowhere, tmp_path / "parts.pt", watch=note))
+    assert seen == [2, 4, 5]
     assert all(torch.equal(whole[name], finished[name]) for name in whole)
     started = weights(train(samples, config, 6, nowhere, tmp_path / "parts.pt"))  # another seed
     assert any(not torch.equal(whole[name], started[name]) for name in whole)
@@ -213,6 +220,8 @@ def test_training_learns_what_it_sees(samples, untrained, tmp_path):
         averaging=0.8, warmup=5, workers=0,
     )  # fmt: skip
     trained = train(samples, config, 0, tmp_path, tmp_path / "learned.pt")
+    stored = read_weights(tmp_path / "learned.pt")
+    assert all(value.equal(stored[name]) for name, value in weights(trained).items())
     fresh = SegmentationNetwork()
     fresh.load_state_dict(torch.load(untrained, weights_only=True))
     batch = [torch.from_numpy(part) for part in samples.batch(99, 0, 16, 64)]

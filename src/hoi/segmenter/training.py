@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import logging
+import pickle
 import queue
 import threading
 from collections.abc import Callable, Iterator
@@ -150,7 +151,7 @@ def read_weights(path: Path) -> dict[str, Tensor]:
     """The averaged weights in a checkpoint; raises AssetError when there are none."""
     try:
         stored = torch.load(path, map_location="cpu", weights_only=True)
-    except (OSError, RuntimeError, ValueError) as error:
+    except (OSError, RuntimeError, ValueError, pickle.UnpicklingError) as error:
         raise AssetError(f"{path} is no checkpoint: {error}") from error
     return stored.get("average", stored)
 
@@ -259,7 +260,8 @@ def _set_rates(
     rise = min(1.0, (within + 1) / config.warmup)
     fall = 0.02 + 0.98 * 0.5 * (1 + np.cos(np.pi * within / phase.steps))
     for group in optimiser.param_groups:
-        group["lr"] = group["top"] * rise * fall
+        # numpy's numbers would keep the checkpoint from being read back without pickled code
+        group["lr"] = float(group["top"] * rise * fall)
 
 
 @torch.no_grad()
