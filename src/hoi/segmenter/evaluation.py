@@ -26,6 +26,7 @@ from hoi.segmenter.pictures import Picture, load_picture
 from hoi.segmenter.runtime import MaskNetwork
 
 log = logging.getLogger(__name__)
+_SURROUNDINGS = 1.5  # side of the square around the person / longer side of its box
 METHODS = ("grabcut", "network", "network_grabcut", "segmenter")
 
 
@@ -90,7 +91,7 @@ class Evaluator:
         seen = [(item.label, item.score, item.box) for item in self._boxes(image)]
         if person is not None:
             x, y = (person[0] + person[2]) / 2, (person[1] + person[3]) / 2
-            half = self.config.nanodet.crop_margin * longer_side(person) / 2
+            half = _SURROUNDINGS * longer_side(person) / 2
             rows, columns = pixel_window((x - half, y - half, x + half, y + half), *image.shape[:2])
             left, top = columns.start, rows.start
             for item in self._boxes(np.ascontiguousarray(image[rows, columns])):
