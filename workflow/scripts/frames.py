@@ -17,7 +17,7 @@ from hoi.readers.config import OtherSystems
 from hoi.readers.paths import behave_names
 
 config = BehaveConfig(**snakemake.params.reader)
-root = Path(config.root).expanduser()
+root = Path(config.root or "").expanduser()
 dataset = snakemake.wildcards.dataset
 frames = {frame["frame_id"]: frame for frame in snakemake.params.frames}
 generated = snakemake.input.get("generated")

@@ -70,7 +70,9 @@ def attach(
         if getattr(settings, name) is not None
     }
     # not model_copy: the values are checked
-    return Frame(**(dict(frame) | found | {"given_by": sources}))
+    values: dict[str, Any] = dict(frame)
+    values.update(found, given_by=sources)
+    return Frame(**values)
 
 
 def _masks(
@@ -108,6 +110,7 @@ def upright_size(photo: Path) -> tuple[int, int]:
     try:
         with Image.open(photo) as picture:
             turned = picture.getexif().get(ExifTags.Base.Orientation) in _TURNED
-            return picture.size[::-1] if turned else picture.size
+            width, height = picture.size
+            return (height, width) if turned else (width, height)
     except (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError) as error:
         raise FrameFailure("image_unreadable", f"{photo.name}: {error}") from error

@@ -159,13 +159,14 @@ class _PlainUnpickler(pickle._Unpickler):  # type: ignore[name-defined]
         )
 
     def load_build(self) -> None:
-        state = self.stack.pop()
-        target = self.stack[-1]
+        stack: list[Any] = self.stack  # type: ignore[attr-defined]
+        state = stack.pop()
+        target: Any = stack[-1]
         if isinstance(target, _JoblibArray) and isinstance(state, dict):
             target.state = state
-            self.stack[-1] = target.read(self._raw_read)
+            stack[-1] = target.read(self._raw_read)
         elif isinstance(target, np.ndarray | np.dtype) and isinstance(state, tuple):
-            target.__setstate__(state)
+            target.__setstate__(state)  # type: ignore[attr-defined]
         else:
             raise pickle.UnpicklingError("it sets the state of an unexpected object; refused")
 
