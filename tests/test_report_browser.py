@@ -9,6 +9,7 @@ import shutil
 import socketserver
 import subprocess
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -236,6 +237,52 @@ def test_the_gallery_sorts_worst_first_and_filters(browse, requests):
     assert 'data-best="small middle large"' in dom
     assert "3 of 4 shown" in dom and not console
     assert of_the_page(requests) == []
+
+
+def test_the_address_chooses_order_filters_and_causes(browse, tmp_path):
+    """Numbers of tables and of causes are links to their frames on the same page."""
+    cards = [good("small", 5.0), good("large", 50.0), lost("none"), good("middle", 30.0)]
+    act = """<script>
+      const names = () => Array.from(document.querySelectorAll(".card"))
+        .filter((card) => card.style.display !== "none")
+        .map((card) => card.querySelector(".id").textContent).join(" ");
+      const steps = [["a", "#order=worst:ours"], ["b", "#cause=placement&method=ours"],
+                     ["c", "#cause=detection"], ["d", "#status=ok&order=best:ours"]];
+      const next = () => {
+        if (!steps.length) {
+          document.getElementById("clear").click();
+          document.body.dataset.e = names();
+          return;
+        }
+        const [key, hash] = steps.shift();
+        const told = () => { document.body.dataset[key] = names(); next(); };
+        window.addEventListener("hashchange", told, { once: true });
+        location.hash = hash;
+      };
+      next();
+    </script></body>"""
+    dom, _, console = browse(gallery_page(cards).replace("</body>", act), (900, 700), False)
+    for told in (
+        'data-a="none large middle small"', 'data-b="large middle"', 'data-c="none"',
+        'data-d="small middle large"', 'data-e="small large none middle"',
+    ):  # fmt: skip
+        assert told in dom, told
+    assert not console
+
+
+def test_screenshots_are_kept(browse, page):
+    """Pictures of each kind of page for people to look at: results/screenshots."""
+    folder = Path(__file__).parents[1] / "results" / "screenshots"
+    folder.mkdir(parents=True, exist_ok=True)
+    cards = [good("small", 5.0), good("large", 50.0), lost("none"), half("middle")]
+    for name, html, size in (
+        ("frame", page, (1280, 1500)),
+        ("frame_phone", page, (500, 1400)),
+        ("index", gallery_page(cards, heading="All frames"), (1280, 1300)),
+    ):
+        _, image, _ = browse(html, size, True)
+        assert image.std() > 10
+        Image.fromarray(image).save(folder / f"{name}.png")
 
 
 def test_gallery_links_are_plain_text_inside_a_report(browse):
