@@ -330,7 +330,7 @@ def test_a_frame_without_its_image_is_a_row_a_card_and_a_page_not_a_crash(done, 
         done.run()
     pages = done.folder / "results/behave/pages"
     whole, broken = (pages / f"{sequence}-t0003.000.html" for sequence in SEQUENCES)
-    assert 'data-scene="ours"' in whole.read_text() and "image missing" not in whole.read_text()
+    assert 'data-method="ours"' in whole.read_text() and "image missing" not in whole.read_text()
     for path in (broken, done.folder / GALLERY):
         text = path.read_text()
         assert "image missing" in text and "k1.color.jpg does not exist" in text
