@@ -1,6 +1,6 @@
 """Reading ConceptNet's dump: lines a second and memory, on generated lines of its format.
 
-    python benchmarks/conceptnet.py --lines 4000000 --out benchmarks/conceptnet.csv
+    python benchmarks/conceptnet.py --lines 4000000 --out benchmarks/results/conceptnet.csv
 
 The real file has 34,074,917 lines. Generated ones compress better than it does, so unpacking costs
 less here.

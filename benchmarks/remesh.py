@@ -1,6 +1,6 @@
 """The two ways from a raw mesh to an exemplar, side by side: closed level set, ball pivoting.
 
-    python benchmarks/remesh.py --out benchmarks/remesh.csv
+    python benchmarks/remesh.py --out benchmarks/results/remesh.csv
 
 Raw meshes: the curated furniture of the package with its inner faces and a tenth of its triangles
 gone, as downloaded meshes are (torn), and generated chairs with exact parts. Distances are means
