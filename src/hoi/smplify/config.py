@@ -60,11 +60,12 @@ class SmplifyConfig(Settings):
 
     # energy: additions to Eq. 1
     landmark_weight: float = Field(
-        default=1.0,
+        default=0.0,
         ge=0,
         description=(
             "weight of the detector's 3D landmarks, which say what is nearer; 0 uses them for "
-            "starts alone, as the paper uses its initial regression"
+            "starts alone, as the paper uses its initial regression. They understate depth: on 24 "
+            "frames of the tuning split 0, 0.3 and 1 gave joint errors of 5.6, 6.9 and 9.0 cm"
         ),
     )
     landmark_sd_m: float = Field(default=0.08, gt=0, description="landmark error (metres)")
