@@ -46,7 +46,7 @@ with logged(snakemake):
             again,
             frame,
             detection,
-            body,
+            body,  # type: ignore[arg-type]  # zip of so many kinds loses them
             config,
             (info["category"], info["action"]),
         )

@@ -68,6 +68,7 @@ with logged(snakemake):
             )
             for kind in ("obj", "ply"):
                 write_scene_meshes(paths[kind], view.joint, faces, up)
+            assert view.body is not None  # there is a result, so there is a body
             write_smpl_npz(paths["body"], view.body, view.joint)
             write_object_json(paths["object"], frame, view.prior, view.joint)
             write_picture(paths["turntable"], turntable(view.joint, faces, config, up))

@@ -123,8 +123,8 @@ def confusion_table(
         confusion = leave_one_out(database, category, config, by="base").confusion
         if confusion.empty:
             continue
-        counts = confusion.stack()
-        counts = counts[counts > 0].rename("count").reset_index()
+        stacked = pd.Series(confusion.stack(), name="count")
+        counts = pd.Series(stacked[stacked > 0]).reset_index()
         counts.insert(0, "category", category)
         tables.append(counts)
     if not tables:

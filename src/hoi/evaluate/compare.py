@@ -31,7 +31,7 @@ def paired(
         both = errors[[method, reference]].dropna() if method in errors else errors.iloc[:0]
         if len(both) < 2:
             continue
-        theirs, ours = both[method].to_numpy(), both[reference].to_numpy()
+        theirs, ours = np.asarray(both[method]), np.asarray(both[reference])
         drawn = np.random.default_rng(seed).integers(0, len(both), (resamples, len(both)))
         differences = (theirs - ours)[drawn].mean(1)
         ratios = theirs[drawn].mean(1) / ours[drawn].mean(1)

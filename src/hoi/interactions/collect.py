@@ -117,14 +117,16 @@ def collect(outcomes: Iterable[Outcome], config: InteractionsConfig) -> PoseData
 
 def joined(first: PoseDatabase, second: PoseDatabase) -> PoseDatabase:
     """One database of the poses of both; tilts are kept only when both know them."""
-    pairs = [
-        np.concatenate([getattr(first, key), getattr(second, key)])
-        for key in ("pose_ids", "categories", "actions", "body_pose")
-    ]
+
+    def both(key: str) -> np.ndarray:
+        return np.concatenate([getattr(first, key), getattr(second, key)])
+
     ups = None
     if first.pelvis_up is not None and second.pelvis_up is not None:
         ups = np.concatenate([first.pelvis_up, second.pelvis_up])
-    return PoseDatabase(*pairs, ups)
+    return PoseDatabase(
+        both("pose_ids"), both("categories"), both("actions"), both("body_pose"), ups
+    )
 
 
 def counts_table(outcomes: Sequence[Outcome]) -> pd.DataFrame:

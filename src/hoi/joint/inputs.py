@@ -68,7 +68,8 @@ class Inputs:
                 )
         if not objects.exemplars:
             raise FrameFailure("no_object_pose", "the object fit holds no pose to start from")
-        intrinsics = model_intrinsics(frame.intrinsics, *photo, camera)
+        height, width = photo
+        intrinsics = model_intrinsics(frame.intrinsics, height, width, camera)
         vertices, joints = body.vertices, body.joints
         if camera != "photo":
             moved = shift_between_cameras(vertices, frame.intrinsics, intrinsics)

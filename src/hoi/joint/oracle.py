@@ -31,6 +31,7 @@ def nearest_to_truth(
     their vertices do not correspond.
     """
     assert truth.body_vertices is not None and truth.object_vertices is not None
+    assert truth.object_faces is not None
     if truth.body_vertices.shape != inputs.body_vertices.shape:
         raise FrameFailure("no_correspondence", "the true body is not the fitted model")
     scale, rotation, shift = similarity_procrustes(inputs.body_vertices, truth.body_vertices)

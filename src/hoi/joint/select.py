@@ -125,7 +125,7 @@ def choose(score: np.ndarray, points: Sequence[np.ndarray], consensus: float) ->
         return int(score.argmin())
     share = np.exp(-(score - score.min()) / consensus)
     (likely,) = np.nonzero(share >= _NEGLIGIBLE * share.max())
-    distances = mean_distances([points[k] for k in likely])
+    distances = mean_distances([points[int(k)] for k in likely])
     return int(likely[(distances @ share[likely]).argmin()])
 
 

@@ -165,5 +165,6 @@ def _cells(row: Mapping[str, object]) -> tuple[str, ...]:
         DASH if pd.isna(row[name]) else f"{100 * float(str(row[name])):.1f}"  # type: ignore[arg-type]
         for name in shares
     )
-    default = "" if pd.isna(row["default_action"]) else str(row["default_action"])
+    named = row["default_action"]
+    default = str(named) if isinstance(named, str) else ""
     return str(row["poses"]), str(row["actions"]), first, second, third, default or DASH, last

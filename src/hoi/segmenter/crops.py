@@ -139,6 +139,8 @@ def network_inputs(
     Returns:
         picture (B, 3, S, S) float32, BGR and normalised; prompt (B, 2, S, S) float32 in [0, 1].
     """
-    bgr = (pictures[..., ::-1].astype(np.float32) - np.float32(MEAN_BGR)) / np.float32(STD_BGR)
+    bgr = (pictures[..., ::-1].astype(np.float32) - np.array(MEAN_BGR, np.float32)) / np.array(
+        STD_BGR, np.float32
+    )
     prompt = np.stack([boxes, people], axis=1).astype(np.float32) / 255
     return np.ascontiguousarray(bgr.transpose(0, 3, 1, 2)), prompt

@@ -139,7 +139,7 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     for box in ("detected", "true", "all"):
         chosen = rows if box == "all" else rows[rows["box"] == box]
         for method in METHODS:
-            values = chosen[method].to_numpy(float)
+            values = np.asarray(chosen[method], float)
             parts.append(
                 {
                     "box": box,

@@ -38,7 +38,7 @@ def exported(network: SegmentationNetwork) -> onnx.ModelProto:
         torch.onnx.export(
             final,
             example,
-            buffer,
+            buffer,  # type: ignore[arg-type]  # a stream is documented, too
             opset_version=OPSET,
             input_names=["picture", "prompt"],
             output_names=["logit"],

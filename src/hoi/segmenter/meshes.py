@@ -220,7 +220,7 @@ def _save(mesh: TexturedMesh, folder: Path) -> None:
     arrays = {key: value for key, value in vars(mesh).items() if isinstance(value, np.ndarray)}
     arrays |= {f"picture{index}": picture for index, picture in enumerate(mesh.textures)}
     with tempfile.NamedTemporaryFile(dir=folder, suffix=".partial", delete=False) as partial:
-        np.savez(partial, **arrays)
+        np.savez(partial, **arrays)  # type: ignore[arg-type]  # names are ours
     Path(partial.name).replace(folder / f"{mesh.name}.npz")
 
 
@@ -267,7 +267,7 @@ def read_mesh(pack: FurniturePack, pack_name: str, index: int) -> TexturedMesh |
         vertices=points.astype(np.float32),
         faces=faces.reshape(-1, 3).astype(np.int32),
         uv=uv.astype(np.float32),
-        mapped=(corners >= 0).all(1),
+        mapped=np.asarray((corners >= 0).all(1)),
         face_materials=shape.face_materials[keep].astype(np.int32),
         colours=np.array([np.power(m.colour, 2.2) for m in library], np.float32),
         glosses=np.array([m.gloss for m in library], np.float32),

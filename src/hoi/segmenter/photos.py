@@ -46,7 +46,7 @@ def photographed(rng: np.random.Generator, crop: np.ndarray) -> np.ndarray:
     result = np.clip(x, 0, 255).astype(np.uint8)
     if rng.random() < 0.5:
         flag = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(25, 95))]
-        result = cv2.imdecode(cv2.imencode(".jpg", result, flag)[1], cv2.IMREAD_COLOR)
+        result = np.asarray(cv2.imdecode(cv2.imencode(".jpg", result, flag)[1], cv2.IMREAD_COLOR))
     return result
 
 

@@ -107,7 +107,8 @@ def save_picture(picture: Picture, path: Path, jpeg_quality: int) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(".partial")
     with partial.open("wb") as file:
-        np.savez(file, **{key: np.asarray(value).ravel() for key, value in arrays.items()})
+        flat = {key: np.asarray(value).ravel() for key, value in arrays.items()}
+        np.savez(file, **flat)  # type: ignore[arg-type]  # names are ours
     partial.replace(path)
 
 
@@ -168,9 +169,9 @@ def pose_model(models_dir: Path) -> PersonMask:
 def load_picture(path: Path) -> Picture:
     """Read a picture back."""
     with np.load(path, allow_pickle=False) as file:
-        image = cv2.imdecode(file["image"], cv2.IMREAD_COLOR)
-        owner = cv2.imdecode(file["owner"], cv2.IMREAD_UNCHANGED)
-        person = cv2.imdecode(file["person"], cv2.IMREAD_UNCHANGED)
+        image = np.asarray(cv2.imdecode(file["image"], cv2.IMREAD_COLOR))
+        owner = np.asarray(cv2.imdecode(file["owner"], cv2.IMREAD_UNCHANGED))
+        person = np.asarray(cv2.imdecode(file["person"], cv2.IMREAD_UNCHANGED))
         rows = json.loads(file["instances"].tobytes())
     return Picture(
         np.ascontiguousarray(image[..., ::-1]), owner, person, [Instance(**row) for row in rows]

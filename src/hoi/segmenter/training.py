@@ -67,7 +67,7 @@ def mask_loss(logits: Tensor, target: Tensor) -> Tensor:
 def total_loss(outputs: tuple[Tensor, Tensor], target: Tensor) -> Tensor:
     """Of the final and of the coarse mask."""
     final, coarse = outputs
-    small = F.adaptive_avg_pool2d(target, coarse.shape[2:])
+    small = F.adaptive_avg_pool2d(target, (coarse.shape[2], coarse.shape[3]))
     return mask_loss(final, target) + _COARSE_WEIGHT * mask_loss(coarse, small)
 
 
@@ -94,7 +94,8 @@ def train(
     torch.manual_seed(seed)
     identity = {"config": config.model_dump(mode="json", exclude={"device", "workers"})}
     identity |= {"seed": seed, "samples": len(samples.samples)}
-    network = start_network(config, nanodet).to(device, memory_format=torch.channels_last)
+    network = start_network(config, nanodet).to(device)
+    network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     average = copy.deepcopy(network).eval().requires_grad_(False)
     state = _read(checkpoint, identity, device)
     done = 0
