@@ -150,5 +150,5 @@ def test_wrong_answers_are_framed_and_the_page_holds_everything(keyboards):
     page = actions_page(
         table, confusion, {"keyboard": sheet("type")}, {"keyboard": ["man type"]}, ReportConfig()
     )
-    assert "data:image/jpeg;base64," in page and "man type" in page
+    assert "data:image/webp;base64," in page and "man type" in page
     assert "Confusion: keyboard" in page and "http" not in page.replace("http-equiv", "")

@@ -214,7 +214,7 @@ def test_the_embedded_data_set_needs_nothing(monkeypatch):
     monkeypatch.chdir(REPO)
     report = check_data(read_config(SHIPPED), Path("nowhere"))
     assert can_start(report.findings) and report.frames == {}
-    assert "chair 12, table 10, keyboard 6, backpack 14" in told(report, Level.OK)
+    assert "chair 24, table 20, keyboard 12, backpack 28" in told(report, Level.OK)
 
 
 def test_a_run_is_planned_although_a_sequence_says_nonsense_of_itself(tree, tmp_path):

@@ -240,7 +240,11 @@ EXACT = [n for n in TermName.__args__ if n not in ("reprojection", "phosa_silhou
 @pytest.mark.parametrize("term", EXACT)
 def test_gradients_equal_finite_differences(scene, term):
     config = method_config(
-        "ours", terms={term: 1.0, "contact": 1.0}, human_scale="free", opposing_normals=True
+        "ours",
+        terms={term: 1.0, "contact": 1.0},
+        human_scale="free",
+        limbs="fixed",
+        opposing_normals=True,
     )
     problem = in_double(problem_of(scene, config))
     start = displaced(problem).double()
