@@ -196,6 +196,8 @@ def test_results_are_copied_with_links_that_work(tmp_path):
     )
     for name in ("a_b.glb", "a_b.smpl.npz"):
         (scenes / name).write_text(name)
+    for name in ("a_b", "photos-000"):  # beside the index, and of a photo called like one
+        (scenes / f"{name}.object.json").write_text('{"photo": "a b.jpg"}')
     for name in ("a_b", "c"):
         (pages / f"{name}.html").write_text("page")
     links = "".join(f'<a href="../pages/{name}.html">' for name in ("a_b", "c"))

@@ -113,8 +113,9 @@ def collect(work: Path, out: Path) -> list[dict[str, Any]]:
     table = pd.read_csv(work / TABLE, dtype=str, keep_default_na=False)
     shutil.copyfile(work / TABLE, out / "photos.csv")
     made: dict[str, dict[str, str]] = {}
-    for index in sorted((work / "results/photos/scenes").glob("*.json")):
-        made |= json.loads(index.read_text())
+    for index in sorted((work / "results/photos/scenes").glob("photos-[0-9]*.json")):
+        if not index.name.endswith(".object.json"):  # of a photo that is called like an index
+            made |= json.loads(index.read_text())
     gallery = (work / "results/photos/gallery/photos.html").read_text()
     rows = []
     for (frame_id, files), row in zip(made.items(), table.to_dict("records"), strict=True):
