@@ -61,12 +61,23 @@ def code_digest(*sources: str) -> str:
             continue
         seen.add(module)
         path = Path(module) if module.endswith(".py") else _source(module)
-        tree = ast.parse(path.read_text(encoding="utf-8"))
         # a script counts by its name: where the checkout lies does not matter
         name = path.name if module.endswith(".py") else module
-        closure[name] = text_digest(ast.dump(_without_docstrings(tree)))
-        pending.extend(_imports(tree, name, is_package=path.name == "__init__.py"))
+        text = path.read_text(encoding="utf-8")
+        closure[name], imported = _read_code(text, name, path.name == "__init__.py")
+        pending.extend(imported)
     return json_digest(closure)
+
+
+@functools.cache
+def _read_code(text: str, name: str, is_package: bool) -> tuple[str, frozenset[str]]:
+    """Digest of one module's syntax tree, and what it imports of this package.
+
+    Remembered by content: the closures of a workflow's thirty scripts share most modules.
+    """
+    tree = ast.parse(text)
+    imported = frozenset(_imports(tree, name, is_package))
+    return text_digest(ast.dump(_without_docstrings(tree))), imported
 
 
 @functools.cache
@@ -89,6 +100,7 @@ def _source(module: str) -> Path:
     return Path(spec.origin)
 
 
+@functools.cache
 def _is_module(name: str) -> bool:
     try:
         spec = importlib.util.find_spec(name)
