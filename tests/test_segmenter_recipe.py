@@ -273,6 +273,9 @@ def test_the_summary_tells_detected_boxes_from_true_ones():
 
 @pytest.mark.slow
 @pytest.mark.models
+@pytest.mark.skipif(
+    not os.environ.get("HOI_LARGE_TESTS"), reason="two minutes and more: set HOI_LARGE_TESTS=1"
+)
 def test_one_command_makes_weights_and_their_table_and_then_has_nothing_to_do(tmp_path):
     for name in ("Snakefile", "workflow", "config", "profiles", "src"):
         source = REPO / name
