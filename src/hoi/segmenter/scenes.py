@@ -316,7 +316,7 @@ class Composer:
     def _put_into_hands(self, rng: np.random.Generator, main: Prop, figure: _Figure) -> None:
         """Move the object to a hand, between both hands, before the body, or onto the back."""
         if rng.random() < 0.45:
-            main.turn(Rotation.random(rng=int(rng.integers(2**31))).as_matrix())
+            main.turn(Rotation.random(rng=rng).as_matrix())
         height = figure.prop.size[1]
         draw = rng.random()
         depth = max(main.size[0], main.size[2]) / 2
