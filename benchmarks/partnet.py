@@ -1,6 +1,6 @@
 """Exemplar selection over a folder of a thousand shapes in PartNet's layout.
 
-    python benchmarks/partnet.py --shapes 1000 --workers 2 --out benchmarks/partnet.csv
+    python benchmarks/partnet.py --shapes 1000 --workers 2 --out benchmarks/results/partnet.csv
 
 Writes generated chairs as PartNet folders into a temporary directory (not timed), then runs the
 selection as the workflow does and reports time and the most memory that any process took.
