@@ -243,3 +243,10 @@ def test_the_probability_of_a_way_is_that_of_action_and_set():
     assert [way.interaction.probability for way in ways] == [0.5, 0.2, 0.05]
     assert ways[2].interaction.contacts == []
     assert [way.interaction for way in ways_of(interaction, "one")] == [interaction]
+
+
+def test_a_method_with_a_camera_of_its_own_says_which(library):
+    scene = sitting_scene()
+    assert run(scene, library, method_config("ours", fast=QUICK)).intrinsics is None
+    believed = run(scene, library, method_config("phosa", fast=QUICK)).intrinsics
+    assert believed[0, 0] == believed[1, 1] == 640  # the longest side

@@ -467,6 +467,7 @@ class Joint(Artifact):
     body_pose: Array("float64", 69) | None = None  # type: ignore[valid-type]  # refined limbs
     limb_gaps: dict[str, tuple[float, float]] = {}  # metres before and after their refinement
     contact_vertices: Array("float32", None) | None = None  # type: ignore[valid-type]
+    intrinsics: Matrix3 | None = None  # of the camera believed in, where it is not the photo's
     # per hypothesis: the terms of the final loss, what selection saw, the winner
     hypothesis_exemplars: list[str] = []
     hypothesis_contacts: list[str] = []  # the contact set each one followed; empty: there was one

@@ -252,6 +252,7 @@ class JointStage:
             body_vertices=body,
             body_joints=human_scale * inputs.body_joints,
             body_model=self.body_identity,
+            intrinsics=None if config.camera == "photo" else inputs.intrinsics,
             contact_vertices=touching(
                 body, solution.objects[k], chosen.faces, config.touch_distance
             ),

@@ -440,7 +440,8 @@ def _result_over_photo(
     thing = Surface(scene.object_vertices, scene.object_faces, np.array(rgb(config.object_colour)))
     crop = region_of_interest(frame, detection, config)
     canvas, _ = _photo(frame.image, crop, config.image_width)
-    return _draw_over(canvas, [body, thing], frame.intrinsics, crop, config), (body, thing)
+    believed = frame.intrinsics if joint.intrinsics is None else joint.intrinsics
+    return _draw_over(canvas, [body, thing], believed, crop, config), (body, thing)
 
 
 def _reason(cause: Artifact | None, stage: str) -> str:
