@@ -50,36 +50,50 @@ def load_plain(path: Path) -> dict[str, Any]:
     return content
 
 
-def _latin1_bytes(text: str, encoding: str = "latin1") -> bytes:
-    if encoding not in ("latin1", "latin-1"):
-        raise pickle.UnpicklingError("the file asks for an unexpected text encoding")
-    return text.encode("latin1")
+class _ArrayType:
+    """Stands for ``numpy.ndarray`` where a pickle names the class: it cannot be called."""
 
 
-def _new_array(cls: type, shape: tuple, typecode: Any) -> np.ndarray:
+ARRAY = _ArrayType()
+
+
+def _new_array(cls: Any, shape: Any, typecode: Any) -> np.ndarray:
     """numpy's array maker, for plain arrays only; the pickle fills them in afterwards."""
-    if cls is not np.ndarray:
-        raise pickle.UnpicklingError("the file asks for an unexpected kind of array")
-    return np.ndarray.__new__(np.ndarray, (0,), "b")
+    if cls is not ARRAY:
+        raise pickle.UnpicklingError("it holds an array of an unexpected class; refused")
+    return np.zeros(0, "b")
 
 
-def _new_scalar(dtype: np.dtype, data: bytes) -> Any:
-    if not isinstance(dtype, np.dtype) or dtype.hasobject:
-        raise pickle.UnpicklingError("the file asks for an unexpected kind of number")
-    return np.frombuffer(data, dtype=dtype, count=1)[0]
+def _new_scalar(dtype: Any, data: Any) -> Any:
+    if not isinstance(dtype, np.dtype) or dtype.hasobject or not isinstance(data, bytes):
+        raise pickle.UnpicklingError("it holds a number of an unexpected kind; refused")
+    return np.frombuffer(data, dtype, count=1)[0]
 
 
-def _array_of_buffer(data: Any, dtype: np.dtype, shape: tuple, order: str = "C") -> np.ndarray:
+def _array_of_buffer(data: Any, dtype: Any, shape: Any, order: Any = "C") -> np.ndarray:
     """How pickles of protocol 5 make arrays."""
     if not isinstance(dtype, np.dtype) or dtype.hasobject:
-        raise pickle.UnpicklingError("the file asks for an unexpected kind of array")
-    return np.frombuffer(data, dtype=dtype).reshape(shape, order="F" if order == "F" else "C")
+        raise pickle.UnpicklingError("it holds an array of Python objects; refused")
+    return np.frombuffer(data, dtype).reshape(shape, order=order)
+
+
+def _new_dtype(name: Any, *flags: Any) -> np.dtype:
+    if not isinstance(name, str | bytes):
+        raise pickle.UnpicklingError("it holds a dtype of an unexpected kind; refused")
+    # a copy: its state is set next (byte order), which the shared dtypes of numpy would ignore
+    return np.dtype(name.decode("latin1") if isinstance(name, bytes) else name, False, True)
+
+
+def _latin1_bytes(text: str, encoding: str = "latin1") -> bytes:
+    if encoding not in ("latin1", "latin-1"):
+        raise pickle.UnpicklingError("it asks for an unexpected text encoding; refused")
+    return text.encode("latin1")
 
 
 def _plain() -> dict[tuple[str, str], Any]:
     names: dict[tuple[str, str], Any] = {
-        ("numpy", "ndarray"): np.ndarray,
-        ("numpy", "dtype"): np.dtype,
+        ("numpy", "ndarray"): ARRAY,
+        ("numpy", "dtype"): _new_dtype,
         ("_codecs", "encode"): _latin1_bytes,
     }
     for core in ("numpy.core", "numpy._core"):

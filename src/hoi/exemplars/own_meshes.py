@@ -9,7 +9,9 @@ names chairs, stools and tables are divided by geometric rules; anything else is
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -69,23 +71,49 @@ def _read(path: Path, category: str) -> tuple[np.ndarray, np.ndarray, np.ndarray
     """
     if path.suffix.lower() == ".obj":
         return parse_obj(path.read_text(encoding="utf-8", errors="replace"))
+    pieces = scene_pieces(path)
+    groups: list[str] = []
+    for piece in pieces:
+        named = as_part(piece.node) in part_names(category)
+        groups += [piece.node if named else piece.geometry] * len(piece.faces)
+    return (*joined(pieces), np.array(groups))
+
+
+class ScenePiece(NamedTuple):
+    """One mesh of a scene file where its node places it: vertices (V, 3), own faces (F, 3)."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    node: str
+    geometry: str
+    material: str  # empty: it has no name
+
+
+def scene_pieces(path: Path) -> list[ScenePiece]:
+    """All meshes of a glb, gltf, ply, stl or off file; raises ValueError when there is none."""
     import trimesh
 
     scene = trimesh.load_scene(path, process=False)
-    vertices, faces, groups, count = [], [], [], 0
+    pieces = []
     for node in scene.graph.nodes_geometry:
-        transform, geometry_name = scene.graph[node]
-        mesh = scene.geometry[geometry_name]
+        transform, geometry = scene.graph[node]
+        mesh = scene.geometry[geometry]
         if not isinstance(mesh, trimesh.Trimesh):
             continue
-        vertices.append(trimesh.transform_points(mesh.vertices, transform))
-        faces.append(np.asarray(mesh.faces) + count)
-        named = as_part(str(node)) in part_names(category)
-        groups += [str(node if named else geometry_name)] * len(mesh.faces)
-        count += len(mesh.vertices)
-    if not faces:
+        material = getattr(getattr(mesh.visual, "material", None), "name", None)
+        points = trimesh.transform_points(mesh.vertices, transform)
+        faces = np.asarray(mesh.faces)
+        pieces.append(ScenePiece(points, faces, str(node), str(geometry), str(material or "")))
+    if not pieces:
         raise ValueError("no triangles")
-    return np.concatenate(vertices), np.concatenate(faces), np.array(groups)
+    return pieces
+
+
+def joined(pieces: Sequence[ScenePiece]) -> tuple[np.ndarray, np.ndarray]:
+    """vertices (V, 3) and faces (F, 3) of all pieces as one mesh."""
+    starts = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
+    faces = [piece.faces + start for piece, start in zip(pieces, starts, strict=False)]
+    return np.concatenate([piece.vertices for piece in pieces]), np.concatenate(faces)
 
 
 def _canonical(vertices: np.ndarray, config: ExemplarsConfig) -> np.ndarray:

@@ -14,16 +14,16 @@ from hoi.joint.inputs import Inputs
 
 def true_body(body: BodyFit, truth: GroundTruth) -> BodyFit:
     """The fit with the true vertices and joints. Raises FrameFailure when the model differs."""
-    if truth.body_model != body.body_model or truth.body_joints is None:
-        raise FrameFailure(
-            "no_correspondence",
-            f"the true body ({truth.body_model or 'unnamed'}) is not the fitted model",
-        )
+    _same_model(body.body_model, truth)
     return body.model_copy(update={"vertices": truth.body_vertices, "joints": truth.body_joints})
 
 
 def nearest_to_truth(
-    score: np.ndarray, points: Sequence[np.ndarray], inputs: Inputs, truth: GroundTruth
+    score: np.ndarray,
+    points: Sequence[np.ndarray],
+    inputs: Inputs,
+    body_model: str,
+    truth: GroundTruth,
 ) -> int:
     """Index of the finite hypothesis whose points come nearest to the true object.
 
@@ -32,11 +32,18 @@ def nearest_to_truth(
     """
     assert truth.body_vertices is not None and truth.object_vertices is not None
     assert truth.object_faces is not None
-    if truth.body_vertices.shape != inputs.body_vertices.shape:
-        raise FrameFailure("no_correspondence", "the true body is not the fitted model")
+    _same_model(body_model, truth)
     scale, rotation, shift = similarity_procrustes(inputs.body_vertices, truth.body_vertices)
     true = sample_surface(
         truth.object_vertices, truth.object_faces, len(points[0]), np.random.default_rng(0)
     )
     error = [chamfer_distance(scale * own @ rotation.T + shift, true) for own in points]
     return int(np.where(np.isfinite(score), error, np.inf).argmin())
+
+
+def _same_model(body_model: str, truth: GroundTruth) -> None:
+    if truth.body_model != body_model or truth.body_joints is None:
+        raise FrameFailure(
+            "no_correspondence",
+            f"the true body ({truth.body_model or 'unnamed'}) is not the fitted model",
+        )

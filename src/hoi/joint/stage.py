@@ -221,7 +221,7 @@ class JointStage:
         selected = (
             choose(score, points, config.consensus)
             if truth is None
-            else nearest_to_truth(score, points, inputs, truth)
+            else nearest_to_truth(score, points, inputs, self.body_identity, truth)
         )
         solution, k = _locate(solutions, selected)
         problem, optimum = solution.problem, solution.optimum

@@ -88,13 +88,8 @@ PHOSA = Schedule(
 #: PHOSA's search as released, every start descended: half a minute per exemplar. The benchmark of
 #: pose recovery compares with it.
 PHOSA_RELEASED = Schedule(
-    steps=(
-        RefineStep(
-            poses=2000, resolution=256, iterations=50, learning_rate=1e-3, decay=False,
-            edge_weight=0.5, off_screen_weight=1000.0,
-        ),
-    )
-)  # fmt: skip
+    steps=tuple(step.model_copy(update={"off_screen_weight": 1000.0}) for step in PAPER.steps)
+)
 
 
 class ObjectFitConfig(Settings):

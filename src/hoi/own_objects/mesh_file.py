@@ -73,26 +73,20 @@ def _read_obj(path: Path) -> MeshFile:
 
 
 def _read_scene(path: Path) -> MeshFile:
-    import trimesh
+    from hoi.exemplars.own_meshes import joined, scene_pieces
 
-    scene = trimesh.load_scene(path, process=False)
-    vertices, faces, count = [], [], 0
-    names: dict[str, list[str]] = {"node": [], "mesh": [], "material": []}
-    for node in scene.graph.nodes_geometry:
-        transform, geometry_name = scene.graph[node]
-        mesh = scene.geometry[geometry_name]
-        if not isinstance(mesh, trimesh.Trimesh):
-            continue
-        vertices.append(trimesh.transform_points(mesh.vertices, transform))
-        faces.append(np.asarray(mesh.faces) + count)
-        material = getattr(getattr(mesh.visual, "material", None), "name", None)
-        for kind, name in (("node", node), ("mesh", geometry_name), ("material", material)):
-            names[kind] += [str(name or "")] * len(mesh.faces)
-        count += len(mesh.vertices)
-    if not faces:
-        raise ValueError("no triangles")
-    groups = max(names.values(), key=_telling)
-    return MeshFile(np.concatenate(vertices), np.concatenate(faces), np.array(groups))
+    pieces = scene_pieces(path)
+
+    def each_face(names: Sequence[str]) -> list[str]:
+        sizes = [len(piece.faces) for piece in pieces]
+        return [name for name, size in zip(names, sizes, strict=True) for _ in range(size)]
+
+    kinds = (
+        each_face([piece.node for piece in pieces]),
+        each_face([piece.geometry for piece in pieces]),
+        each_face([piece.material for piece in pieces]),
+    )
+    return MeshFile(*joined(pieces), np.array(max(kinds, key=_telling)))
 
 
 def _telling(groups: Sequence[str]) -> int:

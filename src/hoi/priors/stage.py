@@ -55,10 +55,7 @@ class PriorStage:
         tables = corrupted(self._tables, config, seed) if config.studies_answers else self._tables
 
         def interaction(name: str) -> Interaction:
-            return lookup_interaction(
-                tables, frame.category, name, config.min_probability,
-                config.max_alternatives if config.alternatives != "none" else 0,
-            )  # fmt: skip
+            return self._look_up(tables, frame.category, name)
 
         return Prior(
             frame_id=frame.frame_id,
@@ -105,9 +102,12 @@ class PriorStage:
 
     def interaction(self, category: str, action: str) -> Interaction:
         """The interaction map's entry for one action with one object."""
+        return self._look_up(self._tables, category, action)
+
+    def _look_up(self, tables: PriorTables, category: str, action: str) -> Interaction:
         config = self._config
         most = config.max_alternatives if config.alternatives != "none" else 0
-        return lookup_interaction(self._tables, category, action, config.min_probability, most)
+        return lookup_interaction(tables, category, action, config.min_probability, most)
 
 
 def lookup_interaction(

@@ -1,8 +1,8 @@
 """Pickles of plain data: numbers, texts, containers and numpy arrays, nothing that runs code.
 
 Reads what ``pickle`` and ``joblib`` write, joblib's compressed files included, and refuses a file
-that asks for any other name. What may be called is made anew here; the state that a pickle may
-set goes to arrays and their dtypes alone.
+that asks for any other name. To what :mod:`hoi.plain_pickle` answers come joblib's arrays and the
+containers of its files; the state that a pickle may set goes to arrays and their dtypes alone.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hoi.errors import AssetError
+from hoi.plain_pickle import ARRAY, PLAIN
 
 _MAX_BYTES = 1 << 31
 
@@ -51,20 +52,13 @@ def _decompressed(data: bytes) -> bytes:
     return plain
 
 
-class _ArrayType:
-    """Stands for ``numpy.ndarray`` where a pickle names the class: it cannot be called."""
-
-
-_ARRAY = _ArrayType()
-
-
 class _JoblibArray:
     """joblib's wrapper: it tells shape and dtype, the raw bytes follow it in the stream."""
 
     state: dict[str, Any]
 
     def read(self, stream: Any) -> np.ndarray:
-        if self.state.get("subclass") is not _ARRAY:
+        if self.state.get("subclass") is not ARRAY:
             raise pickle.UnpicklingError("it holds an array of an unexpected class; refused")
         dtype, shape = self.state["dtype"], tuple(int(n) for n in self.state["shape"])
         if not isinstance(dtype, np.dtype) or dtype.hasobject:
@@ -84,37 +78,6 @@ class _JoblibArray:
         return flat.reshape(shape)
 
 
-def _new_array(cls: Any, shape: Any, typecode: Any) -> np.ndarray:
-    if cls is not _ARRAY:
-        raise pickle.UnpicklingError("it holds an array of an unexpected class; refused")
-    return np.zeros(0, "b")
-
-
-def _new_scalar(dtype: Any, data: Any) -> Any:
-    if not isinstance(dtype, np.dtype) or dtype.hasobject or not isinstance(data, bytes):
-        raise pickle.UnpicklingError("it holds a number of an unexpected kind; refused")
-    return np.frombuffer(data, dtype, count=1)[0]
-
-
-def _from_buffer(data: Any, dtype: Any, shape: Any, order: Any) -> np.ndarray:
-    if not isinstance(dtype, np.dtype) or dtype.hasobject:
-        raise pickle.UnpicklingError("it holds an array of Python objects; refused")
-    return np.frombuffer(data, dtype).reshape(shape, order=order)
-
-
-def _new_dtype(name: Any, *flags: Any) -> np.dtype:
-    if not isinstance(name, str | bytes):
-        raise pickle.UnpicklingError("it holds a dtype of an unexpected kind; refused")
-    # a copy: its state is set next (byte order), which the shared dtypes of numpy would ignore
-    return np.dtype(name.decode("latin1") if isinstance(name, bytes) else name, False, True)
-
-
-def _latin1_bytes(text: str, encoding: str = "latin1") -> bytes:
-    if encoding not in ("latin1", "latin-1"):
-        raise pickle.UnpicklingError("it asks for an unexpected text encoding; refused")
-    return text.encode("latin1")
-
-
 def _ordered(*items: Any) -> OrderedDict[Any, Any]:
     return OrderedDict(*items)
 
@@ -124,18 +87,11 @@ def _with_default(*factory: Any) -> dict[Any, Any]:
     return {}
 
 
-_ALLOWED: dict[tuple[str, str], Any] = {
-    ("numpy", "ndarray"): _ARRAY,
-    ("numpy", "dtype"): _new_dtype,
-    ("_codecs", "encode"): _latin1_bytes,
+_ALLOWED: dict[tuple[str, str], Any] = PLAIN | {
     ("collections", "OrderedDict"): _ordered,
     ("collections", "defaultdict"): _with_default,
     ("joblib.numpy_pickle", "NumpyArrayWrapper"): _JoblibArray,
 }
-for _core in ("numpy.core", "numpy._core"):
-    _ALLOWED[f"{_core}.multiarray", "_reconstruct"] = _new_array
-    _ALLOWED[f"{_core}.multiarray", "scalar"] = _new_scalar
-    _ALLOWED[f"{_core}.numeric", "_frombuffer"] = _from_buffer
 for _module in ("builtins", "__builtin__"):
     for _factory in ("list", "dict", "int", "float", "set", "tuple"):
         _ALLOWED[_module, _factory] = f"{_factory} (named only)"
