@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import base64
+import json
 import os
 import re
 import shutil
 import socketserver
 import subprocess
 import threading
+import time
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -19,6 +22,7 @@ import report_synthetic as synthetic
 from hoi.report.config import ReportConfig
 from hoi.report.gallery import gallery_page
 from hoi.report.page import frame_page
+from hoi.report.tables import LaidOutTable, as_html
 from test_report_gallery import good, half, lost
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -89,6 +93,47 @@ def browse(requests, tmp_path):
         console = [line for line in done.stderr.splitlines() if ":CONSOLE" in line]
         image = np.asarray(Image.open(picture).convert("RGB")) if shot else None
         return done.stdout, image, console
+
+    return run
+
+
+@pytest.fixture
+def told(requests, tmp_path):
+    """Open HTML that calls `tell(data)` in a browser that draws as time goes by; returns the data.
+
+    `browse` lets time jump, and what waits for a page to be drawn then never happens.
+    """
+    seen, port = requests
+    seen.clear()
+    tell = """<script>const tell = (data) => { new Image().src =
+      "http://told.invalid/?" + encodeURIComponent(JSON.stringify(data)) + "&"; };</script>"""
+
+    def run(html: str) -> dict:
+        source = tmp_path / "page.html"
+        source.write_text(html.replace("</head>", tell + "</head>", 1), encoding="utf-8")
+        process = subprocess.Popen(
+            [
+                str(CHROMIUM),
+                *QUIET,
+                f"--user-data-dir={tmp_path / 'profile'}",
+                f"--proxy-server=http://127.0.0.1:{port}",
+                "--window-size=1280,900",
+                "--remote-debugging-port=0",  # stays open
+                source.as_uri(),
+            ],
+            stderr=subprocess.DEVNULL,
+            env=os.environ | {"HOME": str(tmp_path)},
+        )
+        try:
+            for _ in range(600):
+                for line in seen:
+                    if found := re.search(rb"told.invalid/\?([^&]+)&", line):
+                        return json.loads(unquote(found[1].decode()))
+                time.sleep(0.1)
+            raise AssertionError("the page told nothing within a minute")
+        finally:
+            process.terminate()
+            process.wait()
 
     return run
 
@@ -268,6 +313,42 @@ def test_the_address_chooses_order_filters_and_causes(browse, tmp_path):
     ):  # fmt: skip
         assert told in dom, told
     assert not console
+
+
+def test_only_pictures_near_the_window_are_read(told):
+    """A thousand cards open at once because a card far below costs no picture."""
+    act = """<script>
+      const read = () => Array.from(document.querySelectorAll(".card img"))
+        .map((img) => img.hasAttribute("src"));
+      const until = (holds, then) => {
+        if (holds()) then();
+        else setTimeout(until, 50, holds, then);
+      };
+      until(() => read().some(Boolean), () => setTimeout(() => {
+        const first = read(), count = first.filter(Boolean).length;
+        const seen = Array.from(document.querySelectorAll(".card")).filter((card) =>
+          card.getBoundingClientRect().top < innerHeight).length;
+        const gapless = first.lastIndexOf(true) === count - 1;
+        document.querySelector(".card:last-child").scrollIntoView();
+        until(() => read()[299], () => tell({ seen: seen, read: count, gapless: gapless }));
+      }, 200));
+    </script></body>"""
+    cards = [good(f"card{number:04d}") for number in range(300)]
+    answer = told(gallery_page(cards).replace("</body>", act))
+    assert 0 < answer["seen"] <= answer["read"] <= 60 and answer["gapless"]
+
+
+def test_tables_of_the_index_are_not_cut_on_a_laptop(browse):
+    heads = ("H", "O", "med.", "fail")
+    numbers = ("10.3 (10.7)", "140.8 (116.5)", "137.8", "10 %") * 2 + ("24",)
+    groups = (("PHOSA", heads), ("Ours", heads), ("", ("n",)))
+    table = as_html(LaidOutTable("Chairs", "Words " * 60, "Action", groups, (("Sit", numbers),)))
+    probe = """<script>
+      const box = document.querySelector(".tables .scroll");
+      document.body.dataset.cut = box.scrollWidth > box.clientWidth;</script></body>"""
+    html = gallery_page([good("a")], tables=[table, table]).replace("</body>", probe)
+    dom, _, _ = browse(html, (1280, 900), False)
+    assert 'data-cut="false"' in dom
 
 
 def test_screenshots_are_kept(browse, page):

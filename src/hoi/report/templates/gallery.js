@@ -10,6 +10,23 @@
   const list = document.getElementById("cards");
   if (!list) return;
   const cards = Array.from(list.children);
+  // A picture is read when its card comes near: browsers read all `data:` pictures at once, even
+  // those that are to be loaded lazily, and a thousand of them take seconds.
+  const show = (card) => {
+    const picture = card.querySelector("img[data-src]");
+    if (!picture) return;
+    picture.src = picture.dataset.src;
+    picture.removeAttribute("data-src");
+  };
+  const near = new IntersectionObserver((entries) => {
+    for (const entry of entries) {
+      if (!entry.isIntersecting) continue;
+      near.unobserve(entry.target);
+      show(entry.target);
+    }
+  }, { rootMargin: "600px 0px" });
+  for (const card of cards) near.observe(card);
+  window.addEventListener("beforeprint", () => cards.forEach(show));
   const by = (id) => document.getElementById(id);
   const sort = by("sort"), search = by("search"), cause = by("cause"), whose = by("cause-method");
   const filters = Array.from(document.querySelectorAll("select[data-filter]"));
