@@ -1,7 +1,7 @@
 """Stronger models: the adapters at their libraries' APIs, and what `auto` finds.
 
-torchvision, detectron2, mmdet and segment_anything are stood in for by small modules of the same
-names, functions and result types; the ONNX adapter runs a real network.
+torchvision, detectron2, mmdet, dfine_seg and segment_anything are stood in for by small modules of
+the same names, functions and result types; the ONNX adapter runs a real network.
 """
 
 import sys
@@ -160,6 +160,37 @@ def mmdet(monkeypatch):
     return seen
 
 
+@pytest.fixture
+def dfine_seg(monkeypatch):
+    seen = {"names": dict(enumerate(COCO80))}
+
+    class Model:
+        names = seen["names"]
+
+        def __call__(self, image):
+            seen["image"] = image
+            if not image.any():  # what the library answers where nothing is over the threshold
+                return [{key: torch.empty(0) for key in ("labels", "scores", "boxes")}]
+            found = {
+                "labels": torch.tensor([PERSON, CHAIR]),
+                "scores": torch.tensor(SCORES[:2]),
+                "boxes": torch.tensor(BOXES[:2]),
+                "masks": torch.from_numpy(MASKS[:2].astype(np.uint8)),
+            }
+            return [found]
+
+    def load_model(model, task=None, *, conf_thresh, device):
+        if "broken" in model:
+            raise ValueError("not a D-FINE-seg checkpoint: no 'encoder.input_proj.0*' key")
+        seen.update(weights=model, task=task, threshold=conf_thresh, device=device)
+        made = Model()
+        made.names = seen["names"]
+        return made
+
+    module(monkeypatch, "dfine_seg", load_model=load_model)
+    return seen
+
+
 def picture():
     image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     image[..., 0] = 255  # red
@@ -224,6 +255,27 @@ def test_mmdet_is_asked_in_blue_first(mmdet, weights, settings_file):
     check_person_and_chair(loaded(instances="rtmdet", rtmdet=files))
     assert mmdet["image"][0, 0].tolist() == [0, 0, 255]
     assert (mmdet["settings"], mmdet["weights"], mmdet["device"]) == (settings_file, weights, "cpu")
+
+
+def test_dfine_seg_is_asked_in_blue_first_for_masks(dfine_seg, weights, tmp_path):
+    model = loaded(instances="dfine_seg", dfine_seg={"weights": weights}, device="cuda:0")
+    check_person_and_chair(model)
+    assert dfine_seg["image"][0, 0].tolist() == [0, 0, 255]
+    told = (dfine_seg["weights"], dfine_seg["task"], dfine_seg["device"])
+    assert told == (weights, "segment", "cuda:0") and 0 < dfine_seg["threshold"] <= 0.05
+    assert model.instances(np.zeros((HEIGHT, WIDTH, 3), np.uint8)) == []
+    broken = str(tmp_path / "broken.pt")
+    with pytest.raises(AssetError, match=r"broken\.pt: not D-FINE-seg weights"):
+        loaded(instances="dfine_seg", dfine_seg={"weights": broken})
+
+
+def test_dfine_seg_trained_on_other_classes_brings_their_names(dfine_seg, weights):
+    files = {"weights": weights}
+    dfine_seg["names"] = {PERSON: "person", CHAIR: "stroller"}
+    found = loaded(instances="dfine_seg", dfine_seg=files).instances(picture())
+    assert [item.label for item in found] == ["person", "stroller"]
+    dfine_seg["names"] = None  # released weights under another file name
+    check_person_and_chair(loaded(instances="dfine_seg", dfine_seg=files))
 
 
 def test_the_stage_takes_boxes_and_masks_of_the_stronger_model(torchvision, weights, tmp_path):

@@ -236,7 +236,7 @@ class ModelFiles(Settings):
 class StrongConfig(Settings):
     """Stronger models, if installed: docs/detection.md. ``auto`` takes the first that is here."""
 
-    instances: Literal["none", "auto", "pointrend", "rtmdet", "torchvision"] = Field(
+    instances: Literal["none", "auto", "pointrend", "rtmdet", "dfine_seg", "torchvision"] = Field(
         default="none", description="Boxes and masks of people and objects."
     )
     from_box: Literal["none", "auto", "sam", "onnx"] = Field(
@@ -248,6 +248,7 @@ class StrongConfig(Settings):
     )
     pointrend: ModelFiles = ModelFiles()
     rtmdet: ModelFiles = ModelFiles()
+    dfine_seg: ModelFiles = ModelFiles()
     torchvision: ModelFiles = ModelFiles()
     sam: ModelFiles = ModelFiles()
     onnx: ModelFiles = ModelFiles()

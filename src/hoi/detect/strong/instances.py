@@ -37,6 +37,8 @@ def load_instances(strong: StrongConfig) -> InstanceSegmentation | None:
         from hoi.detect.strong.torchvision_maskrcnn import TorchvisionMaskRcnn as Model
     elif strong.instances == "pointrend":
         from hoi.detect.strong.detectron2_pointrend import Detectron2PointRend as Model
+    elif strong.instances == "dfine_seg":
+        from hoi.detect.strong.dfine_seg import DFineSeg as Model
     else:
         from hoi.detect.strong.mmdet_rtmdet import RtmDetIns as Model
     files = getattr(strong, strong.instances)

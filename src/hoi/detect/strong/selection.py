@@ -13,7 +13,12 @@ from hoi.digest import file_digest
 from hoi.errors import AssetError
 
 #: Models in the order in which ``auto`` prefers them, with the library each needs.
-INSTANCE_MODELS = {"pointrend": "detectron2", "rtmdet": "mmdet", "torchvision": "torchvision"}
+INSTANCE_MODELS = {
+    "pointrend": "detectron2",
+    "rtmdet": "mmdet",
+    "dfine_seg": "dfine_seg",
+    "torchvision": "torchvision",
+}
 BOX_MODELS = {"sam": "segment_anything", "onnx": "cv2"}
 _TORCHVISION_FILE = "maskrcnn_resnet50_fpn_v2_coco-73cbd019.pth"
 
