@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import threading
-import time
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
@@ -12,15 +11,16 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 class Stub:
     """Answers requests from a script: (status, headers, text); afterwards by `answer(body)`.
 
-    A text that begins with ``RAW`` is sent as it is, without the OpenAI envelope. `delay` seconds
-    pass before each reply.
+    A text that begins with ``RAW`` is sent as it is, without the OpenAI envelope. Replies wait
+    while `answering` is cleared.
     """
 
     def __init__(self, answer: Callable[[dict], str] = lambda body: " 0.85m"):
         self.script: list[tuple[int, dict[str, str], str]] = []
         self.requests: list[tuple[str, dict]] = []
         self.headers: list[dict[str, str]] = []
-        self.delay = 0.0
+        self.answering = threading.Event()
+        self.answering.set()
         self.answer = answer
         stub = self
 
@@ -30,7 +30,7 @@ class Stub:
                 body = json.loads(self.rfile.read(length))
                 stub.requests.append((self.path, body))
                 stub.headers.append(dict(self.headers))
-                time.sleep(stub.delay)
+                stub.answering.wait(60)
                 if stub.script:
                     status, headers, text = stub.script.pop(0)
                 else:
@@ -57,5 +57,6 @@ class Stub:
         threading.Thread(target=self.server.serve_forever, daemon=True).start()
 
     def close(self) -> None:
+        self.answering.set()
         self.server.shutdown()
         self.server.server_close()

@@ -294,6 +294,23 @@ def test_the_papers_printed_answers_replay_to_the_papers_labels(tmp_path):
         assert unlabelled[0] == unlabelled[1]
 
 
+@pytest.mark.parametrize("wording", ["paper", "question", "json"])
+def test_a_large_models_answers_make_whole_tables_in_every_wording(tmp_path, wording):
+    config = LanguageModelConfig(
+        model="Claude asked in a chat", api="chat", prompt=wording, samples=3, temperature=1.0,
+        map_parts="aliases",
+    )  # fmt: skip
+    write_tables(config, RECORDED, tmp_path)
+    replayed, ours = load_tables(tmp_path), load_tables()
+    assert set(replayed.sizes) == set(ours.sizes)
+    ratios = [replayed.sizes[c].size_m / ours.sizes[c].size_m for c in ours.sizes]
+    assert 0.8 < sorted(ratios)[len(ratios) // 2] < 1.25
+    assert len((tmp_path / "rejected.csv").read_text().splitlines()) == 1  # the header
+    sitting = {(a.object_part, a.body_region) for a in replayed.contacts["chair", "sit"]}
+    assert ("chair_seat", "butt") in sitting
+    assert bool(replayed.extents) == (wording == "json")
+
+
 def test_every_committed_recording_is_whole_and_names_its_origin():
     paths = list(RECORDINGS.rglob("*.json"))
     assert len(paths) >= 48

@@ -87,7 +87,7 @@ def test_a_retry_after_that_is_no_number_or_absurd_does_not_stop_the_run(stub, t
 
 
 def test_a_server_that_is_too_slow_is_asked_again_and_then_given_up(stub, tmp_path, waits):
-    stub.delay = 0.4
+    stub.answering.clear()
     with pytest.raises(LanguageModelError, match=r"2 tries.*Timeout"):
         model_at(stub.url, tmp_path, waits, timeout_seconds=0.1, retries=1).ask(QUESTION)
     assert len(stub.requests) == 2 and not list(tmp_path.rglob("*.json"))
@@ -384,6 +384,8 @@ def test_ranges_of_size_are_read_and_checked():
     size = {"height": extent, "width": extent, "depth": extent, "longest": 0.95}
     said = read_json_size(json.dumps(size))
     assert said.length == 0.95 and dict(said.extents)["height"] == (0.7, 0.9, 1.1)
+    flat = {"low": 0.008, "typical": 0.012, "high": 0.02}  # scissors, as a model described them
+    assert dict(read_json_size(json.dumps(size | {"height": flat})).extents)["height"][0] == 0.008
     for wrong, reason in [
         ({"height": {"low": 2, "typical": 1, "high": 3}}, "not in order"),
         ({"height": {"low": 1, "high": 3}}, "low, typical, high"),
@@ -391,6 +393,7 @@ def test_ranges_of_size_are_read_and_checked():
         ({"longest": "1 m"}, "not a number"),
         ({"longest": True}, "not a number"),
         ({"longest": 85}, "no plausible size"),
+        ({"longest": 0.008}, "no plausible size"),
     ]:
         with pytest.raises(ValueError, match=reason):
             read_json_size(json.dumps(size | wrong))

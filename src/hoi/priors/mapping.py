@@ -47,6 +47,7 @@ _CHAIR_ALIASES = {
     "back": "chair_back", "backrest": "chair_back", "back rest": "chair_back",
     "top rail": "chair_back", "arm": "chair_arm", "armrest": "chair_arm", "arm rest": "chair_arm",
     "leg": "chair_base", "chair leg": "chair_base", "base": "chair_base", "frame": "chair_base",
+    "footrest": "chair_base",
 }  # fmt: skip
 _TABLE_ALIASES = {
     "top": "tabletop", "table top": "tabletop", "desktop": "tabletop", "surface": "tabletop",
@@ -55,7 +56,8 @@ _TABLE_ALIASES = {
 }  # fmt: skip
 _BAG_ALIASES = {
     "body": "bag_body", "bag": "bag_body", "backpack": "bag_body", "suitcase": "bag_body",
-    "compartment": "bag_body", "front": "bag_body", "side": "bag_body",
+    "compartment": "bag_body", "front": "bag_body", "side": "bag_body", "lid": "bag_body",
+    "back": "bag_body", "back panel": "bag_body",
     # zippers are split off before PartNet merges its labels, and part of the body after
     "zipper": "bag_body", "strap": "shoulder_strap", "grip": "handle",
     "pull out handle": "handle", "carrying handle": "handle", "top handle": "handle",
@@ -69,26 +71,30 @@ _OBJECT_ALIASES: dict[str, dict[str, str]] = {
     "table": _TABLE_ALIASES,
     "desk": _TABLE_ALIASES,
     "keyboard": {"space bar": "key", "button": "key", "case": "frame", "edge": "frame",
-                 "body": "frame", "side": "frame"},
+                 "body": "frame", "side": "frame", "keyboard": "frame", "enter key": "key"},
     "backpack": _BAG_ALIASES,
     "bag": _BAG_ALIASES,
     "handbag": _BAG_ALIASES,
     "suitcase": _BAG_ALIASES,
     "scissors": {"blade handle": "blade_handle_set", "finger hole": "handle", "grip": "handle"},
-    "bowl": {"bowl": "container", "rim": "container", "side": "container"},
+    "bowl": {"bowl": "container", "rim": "container", "side": "container",
+             "inside": "container"},
     "cup": _MUG_ALIASES,
     "mug": _MUG_ALIASES,
     "bottle": {"bottle": "body", "neck": "body", "cap": "lid", "opening": "lid", "mouth": "lid"},
     "laptop": {"keyboard": "base_side", "key": "base_side", "base": "base_side",
-               "touchpad": "base_side", "screen": "screen_side", "lid": "screen_side"},
-    "trashcan": {"body": "container", "rim": "container", "lid": "cover"},
+               "touchpad": "base_side", "palm rest": "base_side", "body": "base_side",
+               "laptop": "base_side", "screen": "screen_side", "lid": "screen_side"},
+    "trashcan": {"body": "container", "rim": "container", "lid": "cover",
+                 "trashcan": "container"},
     "skateboard": {"board": "deck", "grip tape": "deck"},
     "surfboard": {"deck": "board", "surfboard": "board"},
     "skis": {"boot": "binding", "ski boot": "binding"},
     "ball": {"ball": "surface", "soccer": "surface", "football": "surface"},
     # the paper's own prompt spells pedal so
     "bicycle": {"paddle": "pedal", "saddle": "seat", "handle bar": "handlebar"},
-    "teddy": {"paw": "arm", "belly": "body", "back": "body", "foot": "leg"},
+    "teddy": {"paw": "arm", "belly": "body", "back": "body", "foot": "leg",
+              "chest": "body", "teddy": "body"},
 }  # fmt: skip
 
 PAIRED = ("hand", "foot", "leg", "arm", "forearm", "thigh")

@@ -32,6 +32,7 @@ _LENGTH = re.compile(r"(\d+(?:\.\d+)?)(?:\s*(?:-|–|to)\s*(\d+(?:\.\d+)?))?\s*(
 _NOTHING = ("none", "no contact", "nothing")
 _LONGEST_NAME = 40
 _SHORTEST_M, _LONGEST_M = 0.01, 5.0
+_THINNEST_M = 0.001  # a side may be that of a pair of scissors that lies flat
 
 
 @dataclass(frozen=True)
@@ -191,12 +192,14 @@ def read_contacts(answer: str) -> ContactsSaid:
 def read_json_size(answer: str) -> SizeSaid:
     """An answer to the JSON prompt about size. Raises ValueError for another form or numbers."""
     values = _json_object(answer, {*AXES, "longest"})
-    longest = _metres(values["longest"], "longest")
+    longest = _metres(values["longest"], "longest", _SHORTEST_M)
     extents = []
     for axis in AXES:
         if not isinstance(values[axis], dict) or set(values[axis]) != {"low", "typical", "high"}:
             raise ValueError(f"{axis} is not a range with low, typical, high")
-        low, typical, high = (_metres(values[axis][k], axis) for k in ("low", "typical", "high"))
+        low, typical, high = (
+            _metres(values[axis][k], axis, _THINNEST_M) for k in ("low", "typical", "high")
+        )
         if not low <= typical <= high:
             raise ValueError(f"{axis}: {low:g}, {typical:g}, {high:g} m are not in order")
         extents.append((axis, (low, typical, high)))
@@ -242,10 +245,10 @@ def _json_object(answer: str, keys: set[str]) -> dict[str, Any]:
     return values
 
 
-def _metres(value: Any, name: str) -> float:
+def _metres(value: Any, name: str, shortest: float) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"{name}: {value!r} is not a number")
-    if not _SHORTEST_M <= value <= _LONGEST_M:
+    if not shortest <= value <= _LONGEST_M:
         raise ValueError(f"{name}: {value:g} m is no plausible size")
     return float(value)
 
