@@ -67,6 +67,20 @@ def test_imports_inside_functions_and_relative_imports_count(package):
     assert read() != before
 
 
+def test_names_inside_modules_are_told_from_modules_without_running_any(package):
+    """`from hoi.helper import K` asks whether `hoi.helper.K` is a module; nothing may run for it."""
+    root, read = package
+    (root / "helper.py").write_text("raise RuntimeError('imported')\nK = 1\n")
+    (root / "deep").mkdir()
+    (root / "deep" / "__init__.py").write_text("from hoi.helper import K\n")
+    (root / "deep" / "inner.py").write_text("X = 1\n")
+    (root / "stage.py").write_text("from hoi.deep.inner import X\n")
+    before = read()
+    (root / "deep" / "inner.py").write_text("X = 2\n")
+    assert read() != before
+    assert not {"hoi", "hoi.helper", "hoi.deep"} & set(sys.modules)
+
+
 def test_a_script_counts_by_content_wherever_the_checkout_lies(package, tmp_path):
     root, _ = package
     first, second = tmp_path / "here" / "run.py", tmp_path / "there" / "run.py"

@@ -94,19 +94,29 @@ def _version(distribution: str) -> str:
 
 
 def _source(module: str) -> Path:
-    spec = importlib.util.find_spec(module)
+    """The file of a module of this package, found without importing anything.
+
+    Python's own search runs the packages above a name, and for a name such as
+    ``hoi.body.model.BodyModel`` the module itself: every plan of a workflow then imported torch.
+    """
+    spec = importlib.util.find_spec(_PACKAGE)
     if spec is None or spec.origin is None:
-        raise ModuleNotFoundError(f"no source for module {module}")
-    return Path(spec.origin)
+        raise ModuleNotFoundError(f"no source for package {_PACKAGE}")
+    *folders, name = ["", *module.split(".")[1:]]
+    place = Path(spec.origin).parent.joinpath(*folders)
+    for path in (place / name / "__init__.py", place / f"{name}.py"):
+        if path.is_file():
+            return path
+    raise ModuleNotFoundError(f"no source for module {module}")
 
 
 @functools.cache
 def _is_module(name: str) -> bool:
     try:
-        spec = importlib.util.find_spec(name)
+        _source(name)
     except ModuleNotFoundError:
         return False
-    return spec is not None and spec.origin is not None
+    return True
 
 
 def _imports(tree: ast.AST, module: str, is_package: bool) -> set[str]:

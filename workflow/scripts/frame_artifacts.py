@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
+
+import numpy as np
 
 from hoi.artifacts import (
     Action,
@@ -19,6 +22,7 @@ from hoi.artifacts import (
     ObjectFit,
     Prior,
 )
+from hoi.body.files import read_body_file
 from hoi.chunks import Index, artifact_path
 from hoi.exemplars import Exemplar, load_library
 from hoi.report.page import MethodView
@@ -44,6 +48,12 @@ class FrameArtifacts:
             k: v for t in told for k, v in t["frames"].items()
         }
         self._libraries: dict[str, list[Exemplar]] = {}
+        self._places: dict[str, dict[str, str]] = {}  # input -> frame -> its chunk's index
+
+    @cached_property
+    def faces(self) -> np.ndarray:
+        """(F, 3) of the body model, read without the libraries that pose it."""
+        return read_body_file(self._paths("body_model")[0]).faces
 
     def frame_ids(self) -> Iterator[str]:
         for path in self._paths("frames"):
@@ -96,10 +106,12 @@ class FrameArtifacts:
         return self._libraries[category]
 
     def _read(self, kind: type[A], name: str, frame_id: str) -> A | None:
-        for index in self._paths(name):
-            if frame_id in Index.load(index).frames:
-                return kind.load(artifact_path(index, frame_id))
-        return None
+        if name not in self._places:
+            self._places[name] = {
+                listed: index for index in self._paths(name) for listed in Index.load(index).frames
+            }
+        index = self._places[name].get(frame_id)
+        return None if index is None else kind.load(artifact_path(index, frame_id))
 
     def _paths(self, name: str) -> list[str]:
         paths = self.inputs.get(name, [])

@@ -6,7 +6,6 @@ from pathlib import Path
 from chunk_job import logged
 from frame_artifacts import FrameArtifacts
 
-from hoi.body import BodyModel
 from hoi.report.config import ReportConfig
 from hoi.report.gallery import card_of, gallery_page
 from hoi.report.overlay import frame_thumbnail
@@ -19,7 +18,6 @@ folder = Path(snakemake.output[0]).parent
 pages = {
     Path(path).stem: os.path.relpath(path, folder) for path in snakemake.input.get("pages", [])
 }
-faces = BodyModel.load(Path(snakemake.input.body_model[0])).faces
 SHOWN = "ours"
 
 
@@ -43,7 +41,7 @@ with logged(snakemake):
         shown = next((view for view in views if view.name == SHOWN), views[-1])
         image = None
         if frame.ok:
-            image = frame_thumbnail(frame, detection, shown.joint, faces, config)
+            image = frame_thumbnail(frame, detection, shown.joint, artifacts.faces, config)
         truth = artifacts.truth(frame_id)
         cards.append(
             card_of(frame, detection, views, pages.get(frame_id, ""), image, truth, config)

@@ -5,7 +5,6 @@ from pathlib import Path
 from chunk_job import logged
 from frame_artifacts import FrameArtifacts
 
-from hoi.body import BodyModel
 from hoi.report.config import ReportConfig
 from hoi.report.overlay import frame_overlays, jpeg, overview
 
@@ -21,7 +20,7 @@ with logged(snakemake):
         view.body,
         view.objects,
         view.joint,
-        BodyModel.load(Path(snakemake.input.body_model)).faces,
+        artifacts.faces,
         artifacts.exemplars(frame.category),
         config,
     )

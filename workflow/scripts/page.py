@@ -5,7 +5,6 @@ from pathlib import Path
 from chunk_job import logged
 from frame_artifacts import FrameArtifacts
 
-from hoi.body import BodyModel
 from hoi.report.config import ReportConfig
 from hoi.report.page import frame_page
 
@@ -18,7 +17,7 @@ with logged(snakemake):
         frame,
         artifacts.detection(frame_id),
         artifacts.views(frame_id),
-        BodyModel.load(Path(snakemake.input.body_model)).faces,
+        artifacts.faces,
         artifacts.exemplars(frame.category),
         config,
         truth=artifacts.truth(frame_id),

@@ -11,7 +11,6 @@ import cv2
 from chunk_job import logged
 from frame_artifacts import FrameArtifacts
 
-from hoi.body import BodyModel
 from hoi.report.config import ReportConfig
 from hoi.report.exports import turntable, write_object_json, write_smpl_npz
 from hoi.report.overlay import frame_overlays, overlay_sheet
@@ -26,7 +25,6 @@ config = ReportConfig(**snakemake.config.get("report", {}))
 index = Path(snakemake.output[0])
 folder = index.parent
 artifacts = FrameArtifacts(snakemake.input, [snakemake.params.method])
-faces = BodyModel.load(Path(snakemake.input.body_model)).faces
 written = {}
 
 
@@ -49,7 +47,7 @@ with logged(snakemake):
                 view.body,
                 view.objects,
                 view.joint,
-                faces,
+                artifacts.faces,
                 artifacts.exemplars(frame.category),
                 config,
                 up,
@@ -60,17 +58,17 @@ with logged(snakemake):
             write_scene_glb(
                 paths["scene"],
                 view.joint,
-                faces,
+                artifacts.faces,
                 config,
                 intrinsics=frame.intrinsics,
                 image_size=size,
                 up=up,
             )
             for kind in ("obj", "ply"):
-                write_scene_meshes(paths[kind], view.joint, faces, up)
+                write_scene_meshes(paths[kind], view.joint, artifacts.faces, up)
             assert view.body is not None  # there is a result, so there is a body
             write_smpl_npz(paths["body"], view.body, view.joint)
             write_object_json(paths["object"], frame, view.prior, view.joint)
-            write_picture(paths["turntable"], turntable(view.joint, faces, config, up))
+            write_picture(paths["turntable"], turntable(view.joint, artifacts.faces, config, up))
         written[frame_id] = {kind: path.name for kind, path in paths.items() if path.is_file()}
     index.write_text(json.dumps(written, indent=1) + "\n")
