@@ -68,7 +68,7 @@ def test_imports_inside_functions_and_relative_imports_count(package):
 
 
 def test_names_inside_modules_are_told_from_modules_without_running_any(package):
-    """`from hoi.helper import K` asks whether `hoi.helper.K` is a module; nothing may run for it."""
+    """For `from hoi.helper import K` it has to know whether `hoi.helper.K` is a module."""
     root, read = package
     (root / "helper.py").write_text("raise RuntimeError('imported')\nK = 1\n")
     (root / "deep").mkdir()
