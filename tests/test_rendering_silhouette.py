@@ -200,6 +200,22 @@ def test_on_a_cuda_device_the_results_are_those_of_the_cpu(chair):
         torch.testing.assert_close(ours.cpu(), kernels, rtol=1e-4, atol=5e-4 * scale)
 
 
+def test_the_torch_back_end_makes_every_tensor_where_its_input_is(chair):
+    """No GPU needed: what forgot its device would land on the default one, which has no data."""
+    xy, topology = projected(chair, 64, count=3, seed=6), topology_of(chair)
+    target = occluded_target(chair, xy, 64)
+    with torch.device("meta"):
+        elsewhere = loss_and_gradient(xy, topology, target, "torch")
+        score = silhouette_iou(xy, topology, target, backend="torch")
+        image = render_silhouette(xy, topology, 64, 64, backend="torch")
+    for ours, usual in zip(
+        elsewhere, loss_and_gradient(xy, topology, target, "torch"), strict=True
+    ):
+        torch.testing.assert_close(ours, usual, rtol=0, atol=0)
+    assert score.equal(silhouette_iou(xy, topology, target, backend="torch"))
+    assert image.equal(render_silhouette(xy, topology, 64, 64, backend="torch"))
+
+
 def test_the_image_version_has_the_loss_and_gradient_of_the_fused_one(chair):
     topology = topology_of(chair)
     xy = projected(chair, 64)
