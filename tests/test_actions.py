@@ -13,7 +13,12 @@ from hoi.actions.database import (
     load_database,
     save_database,
 )
-from hoi.actions.leave_one_out import accuracy_table, leave_one_out
+from hoi.actions.leave_one_out import (
+    accuracy_report,
+    accuracy_table,
+    leave_one_out,
+    stated_probability,
+)
 from hoi.actions.retrieval import PoseIndex, pelvis_up_in_camera, pose_features, probabilities
 from hoi.actions.space import DEFAULT_ACTION_SPACE, load_action_space
 from hoi.actions.stage import ActionStage
@@ -357,6 +362,20 @@ def test_the_accuracy_table_has_a_row_for_each_object_with_a_choice(database):
     assert table.loc["keyboard", "actions"] == 2
     assert 0.8 < table.loc["keyboard", "without_the_pose"] <= 1
     assert "trashcan" not in table.index
+
+
+def test_stated_probabilities_are_about_as_high_as_the_accuracy(database):
+    """Poses of descriptions that retrieval has not seen; one temperature for all objects."""
+    table = accuracy_report(database).dropna()
+    stated, right = table["stated_probability"], table["without_its_base_pose"]
+    weights = table["poses"]
+    assert np.average(stated, weights=weights) == pytest.approx(
+        np.average(right, weights=weights), abs=0.05
+    )
+    chair = table.set_index("category").loc["chair"]
+    assert chair["stated_probability"] == pytest.approx(chair["without_its_base_pose"], abs=0.05)
+    sure = ActionsConfig(temperature=1e-3)
+    assert stated_probability(database, "chair", sure) > 0.99
 
 
 def test_probabilities_fall_with_distance_and_sum_to_one():
