@@ -29,7 +29,7 @@ def chunk(tmp_path):
     write()
     calls = []
 
-    def run(stage=None, identity="v1", seed=0, results="out"):
+    def run(stage=None, identity="v1", seed=0, results="out", views=None):
         def make():
             def call(action, seed):
                 calls.append(action.frame_id)
@@ -47,6 +47,7 @@ def chunk(tmp_path):
             memo,
             {"code": identity},
             seed,
+            views,
         )
 
     return tmp_path, write, run, calls
@@ -77,6 +78,24 @@ def test_byte_identical_inputs_stop_the_chain(chunk):
     calls.clear()
     after = run()
     assert calls == ["a"] and after == before
+
+
+def test_a_frame_is_computed_again_when_what_the_stage_reads_of_it_changes(chunk):
+    _, write, run, calls = chunk
+    views = {"action": lambda action: action.model_copy(update={"action": action.action[:2]})}
+    before = run(views=views)
+    calls.clear()
+    write(("once", "two", "ton"))
+    after = run(views=views)
+    assert calls == ["c"] and after == before
+
+    def tell(action, seed):
+        return Action(frame_id=action.frame_id, action=action.action, distance=2.0)
+
+    told = run(stage=tell, identity="v2", views=views, results="told")
+    assert set(told.frames) == set(FRAMES)
+    path = chunk[0] / "told" / "chunk.json"
+    assert [a.action for a in read_artifacts(Action, path)] == ["on", "tw", "to"]
 
 
 @pytest.mark.parametrize("change", [{"identity": "v2"}, {"seed": 1}])

@@ -11,9 +11,17 @@ from hoi.body import DEFAULT_BODY
 from hoi.errors import ConfigError, FrameFailure
 from hoi.exemplars import save_library
 from hoi.joint.config import JointConfig
+from hoi.joint.reading import what_is_read
 from hoi.joint.stage import JointStage, touching
 from hoi.joint.ways import ways_of
-from joint_scene import METHODS, body_model, box_chair, method_config, sitting_scene
+from joint_scene import (
+    METHODS,
+    body_model,
+    box_chair,
+    chair_prior,
+    method_config,
+    sitting_scene,
+)
 
 QUICK = {"optimiser": "adam", "iterations": 15, "learning_rate": 1e-2}
 
@@ -48,6 +56,7 @@ def truth_of(scene) -> GroundTruth:
 def test_every_method_of_the_tables_gives_a_valid_artifact(name, library, tmp_path):
     scene = sitting_scene(second=True)
     config = method_config(name, fast=QUICK)
+    scene.prior = what_is_read(scene.prior, config)  # as in the workflow
     result = run(scene, library, config, truth_of(scene) if config.oracle != "none" else None)
     result.save(tmp_path / "joint.npz")
     again = Joint.load(tmp_path / "joint.npz")
@@ -57,6 +66,40 @@ def test_every_method_of_the_tables_gives_a_valid_artifact(name, library, tmp_pa
     assert result.hypothesis_exemplars == ["box", "other"]
     assert set(result.loss_curve) == set(method_config(name).terms)
     assert {"total", "order_violation", "iou"} <= set(result.hypothesis_terms)
+
+
+@pytest.mark.parametrize("name", ["ours", "single_action_sets", "no_action", "true_action"])
+def test_what_a_method_does_not_read_changes_nothing(name, library):
+    config = method_config(name, fast=QUICK)
+    scene = with_sets(sitting_scene())
+    told = {"hypotheses": [scene.prior.retrieved, scene.prior.default], "true": scene.prior.default}
+    whole = scene.prior.model_copy(update=told)
+    scene.prior = whole
+    told_all = run(scene, library, config)
+    scene.prior = what_is_read(whole, config)
+    assert scene.prior == what_is_read(scene.prior, config)
+    assert run(scene, library, config).to_bytes() == told_all.to_bytes()
+
+
+def test_a_method_reads_no_words_and_no_other_action():
+    prior = chair_prior()
+    assert prior.retrieved is not None and prior.default is not None
+    words = {"unmapped": ["cushion/pride"], "source": "another model"}
+    sets = [ContactSet(name="nothing", contacts=[], probability=0.1)]
+    said_otherwise = prior.model_copy(
+        update={
+            "default": prior.default.model_copy(update={"contacts": []}),
+            "hypotheses": [prior.default],
+            "true": prior.default,
+            "retrieved": prior.retrieved.model_copy(update=words | {"alternatives": sets}),
+            "size_source": "another model",
+        }
+    )
+    one = method_config("single_action")
+    assert what_is_read(prior, one) == what_is_read(said_otherwise, one)
+    for name in ("ours", "no_action", "true_action", "single_action_sets"):
+        config = method_config(name)
+        assert what_is_read(prior, config) != what_is_read(said_otherwise, config), name
 
 
 def test_the_artifact_says_how_its_object_was_placed(library):

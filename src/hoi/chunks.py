@@ -8,13 +8,14 @@ time; the stage itself (and the libraries it imports) is loaded only when a fram
 
 from __future__ import annotations
 
+import hashlib
 import json
 import random
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
@@ -81,6 +82,7 @@ def run_chunk(
     memo: Memo,
     identity: Mapping[str, object],
     seed: int,
+    views: Mapping[str, Callable[[Any], Artifact]] | None = None,
 ) -> Index:
     """Apply a stage to every frame of a chunk.
 
@@ -94,14 +96,25 @@ def run_chunk(
         memo: where results are remembered.
         identity: everything else the result depends on: settings, code, assets.
         seed: the run's seed.
+        views: argument name -> what the stage is given in place of that artifact: the part that it
+            reads. A frame is computed again when this part changes, not when the rest does.
     """
     indexes = {name: Index.load(path) for name, (_, path) in inputs.items()}
     frame_ids = _common_frames(stage, indexes)
+    views = views or {}
+
+    def read(name: str, frame_id: str) -> Artifact:
+        kind, path = inputs[name]
+        artifact = kind.load(artifact_path(path, frame_id))
+        return views[name](artifact) if name in views and artifact.ok else artifact
+
+    def digest(name: str, frame_id: str) -> str:
+        if name in views:
+            return hashlib.sha256(read(name, frame_id).to_bytes()).hexdigest()
+        return indexes[name].frames[frame_id].sha256
 
     def compute(frame_id: str) -> Artifact:
-        artifacts = {
-            name: kind.load(artifact_path(path, frame_id)) for name, (kind, path) in inputs.items()
-        }
+        artifacts = {name: read(name, frame_id) for name in inputs}
         for artifact in artifacts.values():
             if not artifact.ok:
                 return output_kind.skipped(frame_id, artifact)
@@ -123,7 +136,7 @@ def run_chunk(
                 "frame": frame_id,
                 "seed": seed,
                 "identity": identity,
-                "inputs": {name: index.frames[frame_id].sha256 for name, index in indexes.items()},
+                "inputs": {name: digest(name, frame_id) for name in inputs},
             }
         )
         for frame_id in frame_ids

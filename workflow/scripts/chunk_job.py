@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from hoi.artifacts import Artifact
 from hoi.chunks import run_chunk
@@ -18,12 +19,13 @@ def run_stage(
     make_stage: Callable[[], Callable[..., Artifact]],
     inputs: Mapping[str, tuple[type[Artifact], str]],
     assets: Sequence[str] = (),
+    views: Mapping[str, Callable[[Any], Artifact]] | None = None,
 ) -> None:
     """Run `stage` for the job that Snakemake hands to a script.
 
     Args:
         job: the script's ``snakemake`` object.
-        stage, output_kind, make_stage, inputs: see :func:`hoi.chunks.run_chunk`.
+        stage, output_kind, make_stage, inputs, views: see :func:`hoi.chunks.run_chunk`.
         assets: files that every frame's result depends on, by content.
     """
     identity = dict(job.params.identity)
@@ -40,6 +42,7 @@ def run_stage(
             Memo(job.config["memo"]),
             identity,
             seed,
+            views,
         )
 
 

@@ -5,14 +5,16 @@ from pathlib import Path
 from chunk_job import files, run_stage
 
 from hoi.artifacts import BodyFit, Detection, Frame, GroundTruth, Joint, ObjectFit, Prior
+from hoi.joint.config import JointConfig
+from hoi.joint.reading import what_is_read
+
+CONFIG = JointConfig(**snakemake.params.identity["settings"])
 
 
 def make_stage():
-    from hoi.joint.config import JointConfig
     from hoi.joint.stage import JointStage
 
-    config = JointConfig(**snakemake.params.identity["settings"])
-    return JointStage(config, Path(snakemake.input.body_model), Path("resources/exemplars"))
+    return JointStage(CONFIG, Path(snakemake.input.body_model), Path("resources/exemplars"))
 
 
 run_stage(
@@ -28,5 +30,6 @@ run_stage(
         "prior": (Prior, snakemake.input.priors),
         **({"truth": (GroundTruth, snakemake.input.truth)} if snakemake.input.truth else {}),
     },
+    views={"prior": lambda prior: what_is_read(prior, CONFIG)},
     assets=[snakemake.input.body_model, *files(snakemake, "exemplars")],
 )

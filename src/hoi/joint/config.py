@@ -177,6 +177,16 @@ class JointConfig(Settings):
         description="one: the listed contacts of an action, as in the paper; alternatives: also "
         "each other set that the prior holds, and selection decides",
     )
+    no_contact: Literal["ignore", "weigh"] = Field(
+        default="ignore",
+        description="the prior's probability that nothing touches. weigh: contacts count by the "
+        "probability that something does",
+    )
+    size: Literal["single", "range"] = Field(
+        default="single",
+        description="single: the prior's one size [3.4]; range: its height, width and depth may be "
+        "anything within the prior's ranges, where it has them",
+    )
     opposing_normals: bool = Field(default=True, description="[3.4] only opposing surfaces touch")
     human_scale: Literal["fixed", "free"] = Field(default="fixed", description="[3.4] free")
     schedule: Literal["fast", "paper"] = "fast"
@@ -238,6 +248,12 @@ class JointConfig(Settings):
         description="selection: how much the score of hypotheses may differ that are about as "
         "likely; of these the one in the middle is kept. 0: the lowest score. On the tuning split "
         "0 gave 11.7 cm, 0.05 to 0.2 10.8 to 11.4, 0.3 and more 11.7 and worse",
+    )
+    arrangement_weight: float = Field(
+        default=0.0,
+        ge=0,
+        description="selection: weight of how much a hypothesis contradicts what the prior says of "
+        "where the object is and which way it faces, 0..1",
     )
     depth_order_weight: float = Field(
         default=0.3,

@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from hoi.artifacts import BodyFit, Detection, Frame, ObjectFit, Prior
+from hoi.artifacts import BodyFit, Detection, Extents, Frame, ObjectFit, Prior
 from hoi.errors import FrameFailure
 from hoi.geometry import model_intrinsics, shift_between_cameras
 from hoi.rendering import Roi
@@ -27,6 +27,7 @@ class Inputs:
         category: noun whose library and contact rules apply.
         given_contacts: (V,) contact probability per body vertex from another system, or None.
         size: metres of the extent that `size_axis` (longest, height) names.
+        extents: ranges of height, width and depth, where the prior has them.
     """
 
     intrinsics: np.ndarray
@@ -42,6 +43,7 @@ class Inputs:
     size: float
     size_axis: str
     given_contacts: np.ndarray | None = None
+    extents: Extents | None = None
 
     @classmethod
     def gather(
@@ -88,6 +90,7 @@ class Inputs:
             size=float(prior.size_m),
             size_axis=prior.size_axis,
             given_contacts=frame.given_contacts,
+            extents=prior.extents,
         )
 
 

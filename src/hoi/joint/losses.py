@@ -62,6 +62,17 @@ def object_scale(scale: Tensor, extent: Tensor, size: float) -> Tensor:
     return (scale * extent - size).square()
 
 
+def object_size_range(scale: Tensor, sizes: Tensor, low: Tensor, high: Tensor) -> Tensor:
+    """Squared metres by which width, height and depth leave their ranges, summed. Not in the paper.
+
+    Args:
+        scale: (K,) factor of the exemplar. sizes: (K, 3) its extents at scale 1, metres.
+        low, high: (3,) metres; 0 and infinity where nobody said one.
+    """
+    placed = scale[:, None] * sizes
+    return ((low - placed).clamp(min=0).square() + (placed - high).clamp(min=0).square()).sum(-1)
+
+
 def human_scale(scale: Tensor) -> Tensor:
     """L_scale of the person [3.4]: squared difference to the fitted body's own size (1)."""
     return (scale - 1).square()

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from hoi.artifacts import Interaction
+from hoi.artifacts import Extents, Interaction
 from hoi.errors import FrameFailure
 from hoi.exemplars import Exemplar, sample_parts
 from hoi.geometry import matrix_to_rotation_6d
@@ -35,7 +35,7 @@ class ObjectGeometry:
         part_present: (K, O) False where the exemplar lacks the part.
         part_slices: part name -> its rows in `part_points`.
         surface_points: (K, M, 3) area-uniform samples of the whole surface.
-        extent: (K,) what the size prior measures.
+        extent: (K,) what the size prior measures. sizes: (K, 3) width, height, depth.
     """
 
     exemplars: list[Exemplar]
@@ -47,6 +47,7 @@ class ObjectGeometry:
     part_slices: dict[str, np.ndarray]
     surface_points: Tensor
     extent: Tensor
+    sizes: Tensor
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,7 @@ class Problem:
 
     Attributes:
         start: (K, 11) rotation (6D), translation at library size (m), log scale, log human scale.
+        size_range: least and greatest width, height, depth (3,) in metres; None: `size` alone.
         intrinsics: (3, 3) of the region of interest at the silhouette resolution.
         pixel_weight: what one pixel of that grid counts at the weights' resolution.
         stands_on_floor, feet_on_floor: who is known to stand on the floor, for the ground term.
@@ -83,6 +85,7 @@ class Problem:
     only_opposing: bool
     opposing_first: bool
     size: float
+    size_range: tuple[Tensor, Tensor] | None
     human_scale_free: bool
     intrinsics: Tensor
     target: SilhouetteTarget
@@ -174,6 +177,7 @@ def build_problem(
         only_opposing=config.opposing_normals,
         opposing_first=config.contact != "paper",
         size=inputs.size,
+        size_range=_size_range(inputs.extents) if config.size == "range" else None,
         human_scale_free=config.human_scale == "free",
         intrinsics=torch.from_numpy(intrinsics_for(roi, inputs.intrinsics, resolution)),
         target=_target(inputs, resolution, config.keep_threshold),
@@ -199,6 +203,9 @@ def _contact_pairs(
         pairs = paper_pairs(contacts)
     else:
         pairs = recipe_pairs(contacts, config.contact_rule)
+    if config.no_contact == "weigh":
+        share = 1 - interaction.no_contact
+        pairs = [replace(pair, weight=share * pair.weight) for pair in pairs]
     return pairs, skipped + _missing_parts(pairs, geometry)
 
 
@@ -225,6 +232,14 @@ def _start(inputs: Inputs, chosen: list[int], extent: Tensor) -> Tensor:
     log_scale = torch.log(inputs.size / extent)[:, None]
     parts = [matrix_to_rotation_6d(rotations), translations, log_scale, torch.zeros_like(log_scale)]
     return torch.cat(parts, 1)
+
+
+def _size_range(extents: Extents | None) -> tuple[Tensor, Tensor] | None:
+    if extents is None:
+        return None
+    ranges = (extents.width, extents.height, extents.depth)
+    low = torch.tensor([each.low if each else 0.0 for each in ranges])
+    return low, torch.tensor([each.high if each else torch.inf for each in ranges])
 
 
 def _exemplars(names: list[str], library: Sequence[Exemplar], category: str) -> list[Exemplar]:
@@ -282,6 +297,7 @@ def _object_geometry(
         part_slices={part: np.arange(i * count, (i + 1) * count) for i, part in enumerate(parts)},
         surface_points=torch.from_numpy(np.stack([surface[e.name] for e in exemplars])),
         extent=torch.tensor([float(e.size[axis].max()) for e in exemplars]),
+        sizes=torch.from_numpy(np.stack([e.size for e in exemplars])),
     )
 
 

@@ -80,13 +80,20 @@ def surprisal(probability: float) -> float:
     return -math.log(min(max(probability, 1e-6), 1.0))
 
 
-def rule_text(order_weight: float, action_weight: float = 0.0, consensus: float = 0.0) -> str:
+def rule_text(
+    order_weight: float,
+    action_weight: float = 0.0,
+    consensus: float = 0.0,
+    arrangement_weight: float = 0.0,
+) -> str:
     """The selection rule in one line, for the artifact and the report."""
     rule = "total loss"
     if order_weight:
         rule += f" + {order_weight:g} x occlusion-order violation"
     if action_weight:
         rule += f" - {action_weight:g} x log p(action)"
+    if arrangement_weight:
+        rule += f" + {arrangement_weight:g} x misplacement"
     if consensus:
         likely = f"exp(-score / {consensus:g}), score = {rule}"
         return f"least expected distance to the others, weighted by {likely}"

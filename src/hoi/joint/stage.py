@@ -23,6 +23,7 @@ from hoi.body import BodyModel, part_vertices
 from hoi.errors import ConfigError, FrameFailure
 from hoi.exemplars import Exemplar, load_library
 from hoi.geometry import rotation_6d_to_matrix
+from hoi.joint.arrangement import misplacement
 from hoi.joint.config import JointConfig
 from hoi.joint.contacts import ContactPair
 from hoi.joint.inputs import Inputs
@@ -30,6 +31,7 @@ from hoi.joint.limbs import limb_targets, refine_limbs
 from hoi.joint.optimise import DepthCost, Optimum, minimise
 from hoi.joint.oracle import nearest_to_truth, true_body
 from hoi.joint.problem import BodyRegions, Problem, build_problem
+from hoi.joint.reading import interactions
 from hoi.joint.select import (
     choose,
     occlusion_order_violation,
@@ -195,9 +197,19 @@ class JointStage:
             human_scale=human_scale,
             total=torch.where(before, optimum.total, torch.inf).double().numpy(),
             violation=violation,
+            misplaced=self._misplaced(way, inputs, placement, objects),
             iou=placement.silhouette[1].double().numpy(),
             scale=placement.scale.double().numpy(),
         )
+
+    def _misplaced(
+        self, way: Way, inputs: Inputs, placement: Placement, objects: Sequence[np.ndarray]
+    ) -> np.ndarray:
+        if not self.config.arrangement_weight:
+            return np.zeros(len(objects))
+        centres = np.stack([(v.min(0) + v.max(0)) / 2 for v in objects])
+        fronts = placement.rotations[:, :, 2].double().numpy()  # of the library's +z
+        return misplacement(way.interaction.arrangement, inputs.body_joints, centres, fronts)
 
     def _result(
         self,
@@ -217,6 +229,8 @@ class JointStage:
             score = scores(total, violation, config.order_weight, surprise, config.action_weight)
         except ValueError as error:
             raise FrameFailure("joint_diverged", str(error)) from error
+        misplaced = np.concatenate([solution.misplaced for solution in solutions])
+        score = score + config.arrangement_weight * misplaced
         points = [points for solution in solutions for points in solution.surface]
         selected = (
             choose(score, points, config.consensus)
@@ -232,6 +246,8 @@ class JointStage:
         values = torch.cat([s.optimum.terms for s in solutions], 1)
         terms = {name: _listed(values[i]) for i, name in enumerate(names)}
         terms |= {"total": _listed(total), "order_violation": _listed(violation)}
+        if config.arrangement_weight:
+            terms["misplacement"] = _listed(misplaced)
         terms["score"] = _listed(score)
         if len(solutions) > 1:
             terms["action_surprisal"] = _listed(surprise)
@@ -267,6 +283,7 @@ class JointStage:
                 config.order_weight,
                 config.action_weight if len(solutions) > 1 else 0.0,
                 config.consensus,
+                config.arrangement_weight,
             ),
             loss_curve={name: _listed(optimum.curves[:, i, k]) for i, name in enumerate(names)},
         )
@@ -280,7 +297,8 @@ class Solution:
         objects: K placed meshes (V, 3), camera frame, metres. surface: (K, M, 3) points on them.
         human_scale: (K,).
         total: (K,) final loss, infinite where the object reaches behind the camera.
-        violation: (K,) of the occlusion order. iou, scale: (K,) of silhouette and object.
+        violation: (K,) of the occlusion order. misplaced: (K,) by the prior's arrangement.
+        iou, scale: (K,) of silhouette and object.
         contact_set: name of the alternative that was tried; empty: the listed contacts.
     """
 
@@ -293,20 +311,9 @@ class Solution:
     human_scale: np.ndarray
     total: np.ndarray
     violation: np.ndarray
+    misplaced: np.ndarray
     iou: np.ndarray
     scale: np.ndarray
-
-
-def interactions(prior: Prior, action: str) -> Sequence[Interaction]:
-    """The interactions to try. Raises FrameFailure `no_prior` when the prior holds none."""
-    if action == "hypotheses" and prior.hypotheses:
-        return prior.hypotheses
-    if action == "true" and prior.true is not None:
-        return [prior.true]
-    interaction = prior.default if action == "default" else prior.retrieved
-    if interaction is None:
-        raise FrameFailure("no_prior", f"the prior holds no {action} interaction")
-    return [interaction]
 
 
 def _locate(solutions: Sequence[Solution], index: int) -> tuple[Solution, int]:

@@ -152,6 +152,8 @@ def penetration(problem: Problem, placement: Placement) -> Tensor:
 
 
 def object_scale(problem: Problem, placement: Placement) -> Tensor:
+    if problem.size_range is not None:
+        return losses.object_size_range(placement.scale, problem.object.sizes, *problem.size_range)
     return losses.object_scale(placement.scale, problem.object.extent, problem.size)
 
 
