@@ -221,6 +221,7 @@ def test_the_users_word_goes_before_retrieval_which_comes_next(stage, database):
     assert overruled.action == told.hints.action != found.action
     assert overruled.runners_up[0].action == found.action
     assert "the user's word" in overruled.detail
+    assert overruled.pose_id == found.pose_id and overruled.pose_distance == found.distance
 
 
 def test_the_users_word_holds_for_an_object_without_poses(stage, database):

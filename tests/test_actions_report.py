@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+import torch
 import trimesh
 
 from hoi.actions.database import DEFAULT_DATABASE, PoseDatabase, load_database
@@ -10,6 +11,7 @@ from hoi.actions.leave_one_out import accuracy_report, confusion_table, examples
 from hoi.actions.queries import Query, parse_query, queries, write_queries
 from hoi.actions.space import DEFAULT_ACTION_SPACE, load_action_space
 from hoi.body import DEFAULT_BODY, BodyModel
+from hoi.body.files import read_body_file
 from hoi.body.upright import stand
 from hoi.errors import ConfigError
 from hoi.report.actions import (
@@ -124,13 +126,24 @@ def test_examples_never_show_a_variant_of_the_left_out_pose(keyboards):
 
 
 def test_a_pose_is_stood_up_by_its_pelvis():
-    model = BodyModel.load(DEFAULT_BODY)
+    body = read_body_file(DEFAULT_BODY)
     up = np.array([0.0, np.cos(0.7), -np.sin(0.7)])
-    upright, bent = stand(model, np.zeros(69)), stand(model, np.zeros(69), up)
+    upright, bent = stand(body, np.zeros(69)), stand(body, np.zeros(69), up)
     assert upright[:, 1].min() == bent[:, 1].min() == 0
     head = upright[:, 1].argmax()
     assert bent[head, 1] < upright[head, 1] - 0.1
     assert bent[head, 2] > bent[upright[:, 1].argmin(), 2] + 0.5  # bent forward, not back
+
+
+def test_a_pose_for_a_picture_is_that_of_the_fitted_model():
+    pose = load_database(DEFAULT_DATABASE).body_pose[500]
+    model = BodyModel.load(DEFAULT_BODY)
+    with torch.no_grad():
+        given = (np.zeros(3), pose, np.zeros(model.num_betas), np.zeros(3))
+        posed, _ = model(*(torch.as_tensor(part).float().reshape(1, -1) for part in given))
+    wanted = posed[0].numpy()
+    found = stand(read_body_file(DEFAULT_BODY), pose)
+    assert np.abs(found - (wanted - [0, wanted[:, 1].min(), 0])).max() < 1e-5
 
 
 def test_wrong_answers_are_framed_and_the_page_holds_everything(keyboards):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import report_synthetic as synthetic
-from hoi.artifacts import Interaction
+from hoi.artifacts import Contact, Interaction
 from hoi.report.config import ReportConfig
 from hoi.report.exports import object_pose, turntable, write_object_json, write_smpl_npz
 from hoi.report.scene import CAMERA_UP, gravity_up
@@ -82,3 +82,17 @@ def test_up_is_that_of_an_object_that_stands_else_the_cameras(pitch_deg, stands,
     joint = synthetic.joint().model_copy(update={"object_rotation": rotation})
     expected = up if follows else CAMERA_UP
     np.testing.assert_allclose(gravity_up(joint, standing(stands)), expected, atol=1e-12)
+
+
+def test_contacts_are_those_of_the_action_that_was_followed():
+    """Every likely action is tried: what was retrieved may not be what won."""
+    prior = synthetic.prior()
+    held = Interaction(
+        action="lift", contacts=[Contact(object_part="chair_back", body_part="hand")]
+    )
+    prior = prior.model_copy(update={"hypotheses": [prior.retrieved, held]})
+    joint = synthetic.joint()
+    for action, part in (("sit", "chair_seat"), ("lift", "chair_back"), ("juggle", "chair_seat")):
+        followed = joint.model_copy(update={"action": action})
+        told = object_pose(synthetic.frame(), prior, followed)
+        assert told["contacts"][0]["object_part"] == part

@@ -13,11 +13,15 @@ import numpy as np
 import pytest
 
 import report_synthetic as synthetic
-from hoi.artifacts import Detection, Evaluation, Joint
+from hoi.actions.database import DEFAULT_DATABASE, load_database
+from hoi.artifacts import Action, Detection, Evaluation, Joint, Neighbour
+from hoi.body import DEFAULT_BODY
+from hoi.body.files import read_body_file
 from hoi.report import viewer
 from hoi.report.config import ReportConfig
 from hoi.report.outcomes import number, share
 from hoi.report.page import MethodView, frame_page
+from hoi.report.poses import PoseShelf, pose_panels
 
 CONFIG = ReportConfig(image_width=160, tile_width=64, supersampling=1)
 FACES = synthetic.person()[1]
@@ -311,3 +315,32 @@ def test_what_the_prior_says_beyond_the_paper_is_told():
     assert "height 0.75–1.15 m" in text
     assert "below, turned same" in text
     assert "leaning back (65%), upright (35%)" in text and "10%" in text
+
+
+def test_the_nearest_pose_and_those_of_other_actions_are_pictures():
+    database = load_database(DEFAULT_DATABASE)
+    chair = database.rows_of("chair")
+    other = next(row for row in chair if database.actions[row] != database.actions[chair[0]])
+    body = synthetic.body_fit().model_copy(update={"body_pose": database.body_pose[chair[0]]})
+    action = Action(
+        frame_id="f",
+        action=str(database.actions[chair[0]]),
+        distance=0.1,
+        pose_id=str(database.pose_ids[chair[0]]),
+        pose_distance=0.1,
+        runners_up=[
+            Neighbour(
+                pose_id=str(database.pose_ids[other]),
+                action=str(database.actions[other]),
+                distance=1.3,
+            )
+        ],
+    )
+    shelf = PoseShelf(database, read_body_file(DEFAULT_BODY))
+    person, nearest, runner_up = pose_panels(body, action, shelf)
+    assert nearest.title == action.action and runner_up.title == str(database.actions[other])
+    blue = [(p.image[..., 2].astype(int) - p.image[..., 0] > 20).mean() for p in (person, nearest)]
+    assert min(blue) > 0.05 and (runner_up.image != nearest.image).any()
+    methods = [synthetic.method(name, action=action, body=body) for name in ("phosa", "ours")]
+    assert page(methods, poses=shelf).count("Body pose:") == 3  # shared by both methods
+    assert pose_panels(body, None, shelf) == () == pose_panels(None, action, shelf)

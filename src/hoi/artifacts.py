@@ -349,6 +349,8 @@ class Action(Artifact):
     distance: float | None = None
     probability: float | None = None  # of the action, among those the database knows
     known: bool = True  # False: no pose of the database is near
+    pose_id: str = ""  # the nearest pose; empty where the database has none with the object
+    pose_distance: float | None = None  # of that pose; `distance` is that of the action's nearest
     runners_up: list[Neighbour] = []  # nearest pose of every other action, nearest first
     default_action: str = ""  # heaviest ConceptNet edge of the category ("No action" ablation)
 

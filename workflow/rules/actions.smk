@@ -5,9 +5,7 @@ rule actions:
     input:
         frames="results/{dataset}/frames/{chunk}.json",
         bodies="results/{dataset}/smplify/{chunk}.json",
-        pose_database=lambda wildcards: (
-            OWN_POSES if shows_own(wildcards) else CONFIG.assets.pose_database
-        ),
+        pose_database=lambda wildcards: pose_database_of(chunk_named(wildcards.chunk)),
         action_space=lambda wildcards: (
             OWN_ACTION_SPACE if shows_own(wildcards) else ACTION_SPACE
         ),

@@ -120,7 +120,12 @@ def own_categories(chunk):
 
 
 def shows_own(wildcards):
-    return bool(OWN_OBJECTS) and bool(own_categories(chunk_named(wildcards.chunk)))
+    return bool(own_categories(chunk_named(wildcards.chunk)))
+
+
+def pose_database_of(chunk):
+    """The poses among which those of the chunk's people are looked up."""
+    return OWN_POSES if own_categories(chunk) else CONFIG.assets.pose_database
 
 
 def exemplars_of(chunk):

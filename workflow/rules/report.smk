@@ -49,6 +49,7 @@ def page_inputs(wildcards):
     chunk = page_chunk(wildcards)
     return artifact_indexes(wildcards.dataset, chunk) | {
         "seconds": stage_seconds(wildcards.dataset, chunk),
+        "pose_database": pose_database_of(chunk),
     }
 
 

@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from hoi.actions.database import load_database
 from hoi.artifacts import (
     Action,
     Artifact,
@@ -22,10 +23,11 @@ from hoi.artifacts import (
     ObjectFit,
     Prior,
 )
-from hoi.body.files import read_body_file
+from hoi.body.files import BodyFile, read_body_file
 from hoi.chunks import Index, artifact_path
 from hoi.exemplars import Exemplar, load_library
 from hoi.report.page import MethodView
+from hoi.report.poses import PoseShelf
 
 A = TypeVar("A", bound=Artifact)
 
@@ -51,9 +53,19 @@ class FrameArtifacts:
         self._places: dict[str, dict[str, str]] = {}  # input -> frame -> its chunk's index
 
     @cached_property
+    def body_file(self) -> BodyFile:
+        """The body model as it is written, read without the libraries that fit it."""
+        return read_body_file(self._paths("body_model")[0])
+
+    @property
     def faces(self) -> np.ndarray:
-        """(F, 3) of the body model, read without the libraries that pose it."""
-        return read_body_file(self._paths("body_model")[0]).faces
+        """(F, 3) of the body model."""
+        return self.body_file.faces
+
+    @property
+    def poses(self) -> PoseShelf:
+        """The poses among which the people's were looked up."""
+        return PoseShelf(load_database(self._paths("pose_database")[0]), self.body_file)
 
     def frame_ids(self) -> Iterator[str]:
         for path in self._paths("frames"):

@@ -21,6 +21,7 @@ with logged(snakemake):
         artifacts.exemplars(frame.category),
         config,
         truth=artifacts.truth(frame_id),
+        poses=artifacts.poses,
         seconds=artifacts.seconds(frame_id),
         settings=artifacts.settings,
         index=snakemake.params.index,

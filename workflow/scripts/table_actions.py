@@ -9,7 +9,7 @@ from hoi.actions.database import load_database
 from hoi.actions.leave_one_out import accuracy_report, confusion_table, examples
 from hoi.actions.queries import queries, write_queries
 from hoi.actions.space import load_action_space
-from hoi.body import BodyModel
+from hoi.body.files import read_body_file
 from hoi.body.upright import stand
 from hoi.report.actions import PoseRow, Tile, actions_page, pose_sheet
 from hoi.report.config import ReportConfig
@@ -18,7 +18,7 @@ config = ActionsConfig(**snakemake.params.identity["settings"])
 report = ReportConfig(**snakemake.params.report)
 database = load_database(snakemake.input.pose_database)
 space = load_action_space(snakemake.input.action_space, config.min_conceptnet_weight)
-model = BodyModel.load(snakemake.input.body_model)
+body = read_body_file(snakemake.input.body_model)
 
 
 def default_action(category):
@@ -27,7 +27,7 @@ def default_action(category):
 
 def tile(row, caption):
     up = None if database.pelvis_up is None else database.pelvis_up[row]
-    vertices = stand(model, database.body_pose[row], up)
+    vertices = stand(body, database.body_pose[row], up)
     return Tile(vertices, str(database.actions[row]), caption)
 
 
@@ -47,7 +47,7 @@ with logged(snakemake):
     write_queries(space, nouns, known, Path(snakemake.output.queries))
     sheets = {
         category: pose_sheet(
-            [pose_row(e) for e in examples(database, category, config)], model.faces
+            [pose_row(e) for e in examples(database, category, config)], body.faces
         )
         for category in table["category"]
     }

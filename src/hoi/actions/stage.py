@@ -55,13 +55,13 @@ class ActionStage:
                 default_action=said,
             )
         assert found.action is not None and found.distance is not None
-        pose = found.detail.removeprefix("nearest pose: ")
-        nearest = Neighbour(pose_id=pose, action=found.action, distance=found.distance)
+        nearest = Neighbour(pose_id=found.pose_id, action=found.action, distance=found.distance)
         ranked = [nearest, *found.runners_up]
         own = [neighbour.distance for neighbour in ranked if neighbour.action == said]
         return found.model_copy(
             update={
-                "detail": f"{said}: the user's word; nearest pose: {pose} ({found.action})",
+                "detail": f"{said}: the user's word; nearest pose: {found.pose_id} "
+                f"({found.action})",
                 "action": said,
                 "distance": own[0] if own else found.distance,
                 "runners_up": [neighbour for neighbour in ranked if neighbour.action != said],
@@ -88,6 +88,8 @@ class ActionStage:
             distance=neighbours[0].distance,
             probability=neighbours[0].probability,
             known=known,
+            pose_id=neighbours[0].pose_id,
+            pose_distance=neighbours[0].distance,
             runners_up=neighbours[1 : 1 + self._config.runners_up],
             default_action=self._default_action(frame.category),
         )

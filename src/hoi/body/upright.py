@@ -1,18 +1,18 @@
-"""A body pose without a camera, set upright to be looked at."""
+"""A body pose without a camera, set upright to be looked at. With numpy alone: pictures start
+no torch."""
 
 from __future__ import annotations
 
 import numpy as np
-import torch
+from scipy.spatial.transform import Rotation
 
-from hoi.body.model import BodyModel
+from hoi.body.files import BodyFile
+from hoi.body.skeleton import PARENTS
 
 _LEVEL = np.array([0.0, 1.0, 0.0])
 
 
-def stand(
-    model: BodyModel, body_pose: np.ndarray, pelvis_up: np.ndarray | None = None
-) -> np.ndarray:
+def stand(body: BodyFile, body_pose: np.ndarray, pelvis_up: np.ndarray | None = None) -> np.ndarray:
     """Vertices (V, 3) in metres of a posed average body, y up, front about +z, floor at y = 0.
 
     Args:
@@ -25,14 +25,20 @@ def stand(
         axis, cosine = np.cross(up, _LEVEL), float(np.clip(up @ _LEVEL, -1, 1))
         length = float(np.linalg.norm(axis))
         turn = axis / length * np.arccos(cosine) if length > 1e-9 else turn
-    with torch.no_grad():
-        vertices, _ = model(
-            *(
-                torch.as_tensor(np.asarray(part, np.float32)).reshape(1, -1)
-                for part in (turn, body_pose,
-                             np.zeros(model.num_betas), np.zeros(3))
-            )
-        )  # fmt: skip
-    points = vertices[0].numpy().astype(np.float64)
+    pose = np.concatenate([turn, np.asarray(body_pose, np.float64)]).reshape(-1, 3)
+    points = _posed(body, Rotation.from_rotvec(pose).as_matrix())
     points[:, 1] -= points[:, 1].min()
     return points
+
+
+def _posed(body: BodyFile, rotations: np.ndarray) -> np.ndarray:
+    """Linear blend skinning of the average shape by (24, 3, 3), as `hoi.body.model` does it."""
+    joints = body.joint_regressor @ body.v_template
+    points = body.v_template + body.posedirs @ (rotations[1:] - np.eye(3)).ravel()
+    turns, places = rotations.copy(), joints.copy()
+    for joint, parent in list(enumerate(PARENTS))[1:]:
+        turns[joint] = turns[parent] @ rotations[joint]
+        places[joint] = places[parent] + turns[parent] @ (joints[joint] - joints[parent])
+    shifts = places - np.einsum("jab,jb->ja", turns, joints)
+    turned = np.einsum("vj,jab->vab", body.weights, turns)
+    return np.einsum("vab,vb->va", turned, points) + body.weights @ shifts

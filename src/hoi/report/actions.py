@@ -10,18 +10,14 @@ import pandas as pd
 
 from hoi.report.config import ReportConfig
 from hoi.report.html import image_url, render, source
-from hoi.report.raycast import Surface, orthographic_rays, shoot
+from hoi.report.poses import OTHER, SKIN, TILE, draw_body
 from hoi.report.tables import DASH, LaidOutTable
 
 SHARES = ("without_the_pose", "without_its_base_pose", "stated_probability", "as_the_paper",
           "always_default")  # fmt: skip
 COLUMNS = ("category", "poses", "actions", "default_action", *SHARES)
-TILE = (104, 150)  # pixels, width and height
-_SPAN_METRES = 1.95  # that a tile is high
-_SKIN, _OTHER = np.array([120, 165, 214.0]), np.array([190, 190, 196.0])
 _LABEL = 26
 CONFUSION = "Confusion: "
-_YAW_DEGREES = 35.0
 
 
 class Tile(NamedTuple):
@@ -105,7 +101,7 @@ def pose_sheet(rows: Sequence[PoseRow], faces: np.ndarray) -> np.ndarray:
         truth = row.tiles[0].action
         for column, tile in enumerate(row.tiles):
             left = column * width + (gap if column else 0)
-            base = _SKIN if column < 2 else _OTHER
+            base = SKIN if column < 2 else OTHER
             sheet.paste(Image.fromarray(draw_body(tile.vertices, faces, base)), (left, top))
             wrong = column == 1 and tile.action != truth
             ink = (190, 30, 30) if wrong else (30, 30, 30) if column < 2 else (120, 120, 120)
@@ -114,20 +110,6 @@ def pose_sheet(rows: Sequence[PoseRow], faces: np.ndarray) -> np.ndarray:
             if wrong:
                 draw.rectangle((left, top, left + width - 2, top + height - 1), outline=ink)
     return np.asarray(sheet)
-
-
-def draw_body(vertices: np.ndarray, faces: np.ndarray, colour: np.ndarray = _SKIN) -> np.ndarray:
-    """(H, W, 3) uint8 picture of a body from its front left, at the same scale for all."""
-    yaw = np.radians(_YAW_DEGREES)
-    right = np.array([np.cos(yaw), 0.0, -np.sin(yaw)])
-    up = np.array([0.0, 1.0, 0.0])
-    width, height = TILE
-    span = (_SPAN_METRES * width / height, _SPAN_METRES)
-    middle = (vertices.min(0) + vertices.max(0)) / 2
-    rays = orthographic_rays(middle, right, up, span, 2 * width, 2 * height)
-    shot = shoot([Surface(vertices, faces, colour, smooth=True)], rays, supersampling=2)
-    cover = shot.coverage[..., None]
-    return np.clip(shot.colour * cover + 255 * (1 - cover), 0, 255).astype(np.uint8)
 
 
 def actions_page(

@@ -18,7 +18,7 @@ from hoi.artifacts import BodyFit, Frame, Joint, Prior
 from hoi.report.colours import rgb
 from hoi.report.config import ReportConfig
 from hoi.report.raycast import Surface, orthographic_rays, shoot
-from hoi.report.scene import CAMERA_UP, body_colours, of_joint
+from hoi.report.scene import CAMERA_UP, body_colours, followed, of_joint
 
 _TIMESTAMP = (1980, 1, 1, 0, 0, 0)
 _TURNTABLE_VIEWS = (4, 2)  # columns, rows: one turn in steps of 45 degrees
@@ -67,7 +67,7 @@ def object_pose(frame: Frame, prior: Prior | None, joint: Joint) -> dict[str, An
     assert joint.object_vertices is not None and frame.intrinsics is not None
     upright = joint.object_vertices @ joint.object_rotation
     size = upright.max(axis=0) - upright.min(axis=0)
-    said = None if prior is None or not prior.ok else prior.retrieved
+    said = followed(joint, prior)
     height, width = (0, 0) if frame.image is None else frame.image.shape[:2]
     return {
         "photo": frame.source or frame.frame_id,

@@ -183,10 +183,14 @@ def describe_prior(prior: Prior | None) -> Outcome:
     """Size and contacts with where each was said."""
 
     def tell(found: Prior) -> Outcome:
-        grids = []
-        for caption, said in (("Contacts used", found.retrieved), ("Default", found.default)):
-            if said is not None:
-                grids.append(_contacts(caption, said))
+        likely = found.hypotheses or [said for said in (found.retrieved,) if said is not None]
+        several = len(likely) > 1
+        grids = [
+            _contacts(f"Contacts, {said.probability:.0%}" if several else "Contacts", said)
+            for said in likely
+        ]
+        if found.default is not None and found.default.action not in {s.action for s in likely}:
+            grids.append(_contacts("Without retrieval", found.default))
         unmapped = found.retrieved.unmapped if found.retrieved is not None else []
         facts = [
             ("Size", f"{number(found.size_m)} m, {found.size_axis}"),
@@ -238,11 +242,13 @@ def describe_joint(joint: Joint | None) -> Outcome:
         grids = []
         if changes:
             grids.append(Grid("Terms of the chosen one", ("Term", "Before", "After"), changes))
+        acted = len(found.hypothesis_actions) == len(found.hypothesis_exemplars)
         if found.hypothesis_exemplars:
             rows = tuple(
                 (
                     str(index + 1),
                     name,
+                    *(found.hypothesis_actions[index : index + 1] if acted else ()),
                     *(
                         number(values[index] if index < len(values) else None, 4)
                         for values in found.hypothesis_terms.values()
@@ -250,7 +256,7 @@ def describe_joint(joint: Joint | None) -> Outcome:
                 )
                 for index, name in enumerate(found.hypothesis_exemplars)
             )
-            header = ("", "Exemplar", *found.hypothesis_terms)
+            header = ("", "Exemplar", *(("Action",) if acted else ()), *found.hypothesis_terms)
             grids.append(Grid("Hypotheses at the end", header, rows, found.selected))
         facts = (
             ("Chosen", words(found.exemplar, found.selection_rule)),
@@ -263,7 +269,7 @@ def describe_joint(joint: Joint | None) -> Outcome:
             "joint",
             "Joint optimisation",
             "ok",
-            found.exemplar or "placed",
+            ", ".join(filter(None, (found.action, found.exemplar))) or "placed",
             facts,
             tuple(grids),
             curves,

@@ -49,6 +49,7 @@ from hoi.report.overlay import (
     exemplar_panels,
     joint_panels,
 )
+from hoi.report.poses import PoseShelf, pose_panels
 from hoi.report.scene import CAMERA_UP, Reconstruction, gravity_up, of_joint, of_truth
 from hoi.report.viewer import packed, three_js
 from hoi.report.webscene import web_scene
@@ -97,6 +98,7 @@ def frame_page(
     config: ReportConfig | None = None,
     *,
     truth: GroundTruth | None = None,
+    poses: PoseShelf | None = None,
     seconds: Mapping[str, float] | None = None,
     settings: Mapping[str, object] | None = None,
     index: str = "",
@@ -109,6 +111,7 @@ def frame_page(
         body_faces: (F, 3) of the body model that the methods used.
         exemplars: of the frame's category, by name or in a row.
         truth: true meshes, shown in 3D beside the methods when given.
+        poses: what the retrieved poses are drawn from; no pictures of them without.
         seconds: what each stage took.
         settings: the configuration behind the results, as plain data.
         index: where the list of all frames is, relative to the page; empty for none.
@@ -128,6 +131,16 @@ def frame_page(
         "objects",
         lambda method: exemplar_panels(frame, detection, method.objects, exemplars, config),
         config,
+    )
+    retrieved = (
+        []
+        if poses is None
+        else _shared_panels(
+            methods,
+            "action",
+            lambda method: pose_panels(method.body, method.action, poses),
+            config,
+        )
     )
     results = [
         (
@@ -157,6 +170,7 @@ def frame_page(
         detection=detected,
         bodies=bodies,
         fits=fits,
+        retrieved=[shared for shared in retrieved if shared[1]],
         results=results,
         scenes=scenes,
         scenes_glb=data,

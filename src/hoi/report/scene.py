@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hoi.artifacts import GroundTruth, Joint, Prior
+from hoi.artifacts import GroundTruth, Interaction, Joint, Prior
 from hoi.report.colours import blend, linear_from_srgb, rgb
 from hoi.report.config import ReportConfig
 from hoi.report.raycast import distance_to_surface
@@ -42,12 +42,26 @@ class Reconstruction:
     ground_height: float | None = None
 
 
+def followed(joint: Joint | None, prior: Prior | None) -> Interaction | None:
+    """What the prior says of the action that the result follows, which need not be the retrieved.
+
+    The retrieved action's where there is no result, or where the prior knows no such action.
+    """
+    if prior is None or not prior.ok:
+        return None
+    known = (prior.retrieved, *prior.hypotheses, prior.default, prior.true)
+    used = joint.action if joint is not None and joint.ok else ""
+    same = (said for said in known if said is not None and said.action == used)
+    return next(same, prior.retrieved)
+
+
 def gravity_up(joint: Joint | None, prior: Prior | None) -> np.ndarray:
     """(3,) unit direction against gravity in the camera frame, as well as a scene tells it.
 
     An object that stands on the floor points up by its own axis; else the camera is taken as level.
     """
-    stands = prior is not None and prior.retrieved is not None and prior.retrieved.stands_on_floor
+    said = followed(joint, prior)
+    stands = said is not None and said.stands_on_floor
     if joint is None or not joint.ok or joint.object_rotation is None or not stands:
         return CAMERA_UP
     up = np.asarray(joint.object_rotation, float)[:, 1]
