@@ -10,7 +10,13 @@ from hoi.body.keypoints import KEYPOINT
 from hoi.detect import DetectConfig
 from hoi.detect.backends import DetectedBox, PersonPose
 from hoi.detect.boxes import gap, grown, mask_box, overlap, pixel_window
-from hoi.detect.config import EvidenceConfig, GrabCutConfig, LooksConfig, ResegmentConfig
+from hoi.detect.config import (
+    EvidenceConfig,
+    GrabCutConfig,
+    LooksConfig,
+    ResegmentConfig,
+    TouchConfig,
+)
 from hoi.detect.counts import detection_counts, status_counts
 from hoi.detect.evidence import Look, propose
 from hoi.detect.finding import PairFinder
@@ -18,6 +24,7 @@ from hoi.detect.grabcut import GrabCut, draw_skeleton
 from hoi.detect.labels import KNOWN, label_weights
 from hoi.detect.resegment import segment_again, solid_box
 from hoi.detect.stage import DetectionFailure, DetectStage
+from hoi.detect.touching import distance_m, touch_points
 from hoi.errors import AssetError, FrameFailure
 
 HEIGHT, WIDTH = 120, 160
@@ -357,6 +364,14 @@ def test_a_box_of_half_the_thing_grows_to_all_of_it():
     assert again(seeing(thing, 15), (40, 20, 100, 70), passes=1)[2] == (40, 20, 100, 85)
 
 
+def test_a_mask_that_missed_a_part_keeps_the_detectors_box():
+    top = seeing(filled((40, 20, 100, 45)), reach=15)  # of a table whose legs are too thin
+    mask, _, box = again(top, (40, 20, 100, 100))
+    assert box == (40, 20, 100, 100) and len(top.asked) == 1
+    np.testing.assert_array_equal(mask, filled((40, 20, 100, 45)))
+    assert again(top, (40, 20, 100, 100), least_area=0.3)[2] == (40, 20, 100, 45)
+
+
 def test_a_box_that_fits_is_asked_once():
     segment = seeing(filled((40, 20, 100, 100)), reach=15)
     assert again(segment, (39, 20, 101, 101))[2] == (40, 20, 100, 100)
@@ -406,6 +421,18 @@ def test_the_thing_at_the_hand_is_chosen_over_a_surer_one_beside_the_person():
     assert chosen == ("chosen", "other_object", "chosen")
     # without the pose, score and the gap between the boxes decide
     assert verdicts(PERSON, beside, held, category="bottle")[1] == "chosen"
+
+
+def test_a_keyboard_is_where_both_hands_are():
+    pose = standing(hand=(66.0, 58.0))  # the right hand hangs at 40, 58
+    at_one = box("book", 0.9, 64, 48, 84, 66)
+    at_both = box("keyboard", 0.3, 38, 56, 82, 66)
+    chosen = verdicts(PERSON, at_one, at_both, category="keyboard", pose=lambda *_: pose)
+    assert chosen == ("chosen", "other_object", "chosen")
+    touch = touch_points(pose, PERSON.box, TouchConfig())
+    farther = distance_m(at_one.box, touch, ("both_hands",))[0]
+    assert distance_m(at_one.box, touch, ("hands",))[0] == 0 < farther
+    assert distance_m(at_both.box, touch, ("both_hands",)) == (0, "both_hands")
 
 
 def test_a_thing_of_the_wrong_size_is_not_meant():

@@ -252,7 +252,7 @@ def _rate(
         touch = touch_points(scene.pose, person, config.touch)
         distance, part = distance_m(box, touch, known.touches if known else _EVERYWHERE)
         contact = nearness(distance, config.touch)
-        why = f"{told} x contact {contact:.2f} ({part} at {distance:.2f} m)"
+        why = f"{told} x contact {contact:.2f} ({part.replace('_', ' ')} at {distance:.2f} m)"
         if known:
             size = plausible_size(box, touch, known, config.touch)
             extent = longer_side(box) / touch.pixels_per_metre

@@ -220,6 +220,13 @@ class ResegmentConfig(Settings):
         le=1,
         description="A mask whose box overlaps less with the box asked with shows another thing.",
     )
+    least_area: float = Field(
+        default=0.7,
+        ge=0,
+        le=1,
+        description="A mask whose box is smaller than this share of the detector's has missed a "
+        "part, and the detector's box stays.",
+    )
     smallest_part: float = Field(
         default=0.02, gt=0, le=1, description="Parts with a smaller share of a mask are specks."
     )

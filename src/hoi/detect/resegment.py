@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from hoi.detect.backends import Box, ObjectSegmenter, PersonPose
-from hoi.detect.boxes import overlap
+from hoi.detect.boxes import area, overlap
 from hoi.detect.config import ResegmentConfig
 
 _NETWORK = "segmenter"  # how the sources of masks that look beyond their box begin
@@ -38,12 +38,16 @@ def segment_again(
         tight = solid_box(mask, config.smallest_part)
         if not config.least_overlap <= overlap(tight, asked) < config.settled:
             break
+        if area(tight) < config.least_area * area(box):
+            break
         again, how = segment(image, tight, pose, seed)
         if not how.startswith(_NETWORK) or not again.any():
             break
         mask, source, asked = again, how, tight
     if source.startswith(_NETWORK) and mask.any():
-        box = solid_box(mask, config.smallest_part)
+        tight = solid_box(mask, config.smallest_part)
+        if area(tight) >= config.least_area * area(box):
+            box = tight
     return mask, source, box
 
 

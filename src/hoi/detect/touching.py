@@ -22,6 +22,7 @@ from hoi.detect.labels import SIZE_TABLE
 from hoi.errors import AssetError
 
 HANDS, SEAT, BACK, FEET = "hands", "seat", "back", "feet"
+BOTH_HANDS = "both_hands"  # as near as the farther hand: what is typed on or carried level
 _ANYWHERE = (HANDS, SEAT, BACK, FEET)
 _HAND_LENGTH = 0.35  # of the forearm, beyond the wrist
 
@@ -47,7 +48,7 @@ def _table() -> dict[str, Expectation]:
         for row in csv.DictReader(stream):
             touches = tuple(row["touches"].split())
             low, high = float(row["shortest_m"]), float(row["longest_m"])
-            if not (0 < low < high and touches and set(touches) <= set(_ANYWHERE)):
+            if not (0 < low < high and touches and set(touches) <= {*_ANYWHERE, BOTH_HANDS}):
                 raise AssetError(f"{SIZE_TABLE}: bad row {row}")
             table[row["category"]] = Expectation(low, high, touches)
     return table
@@ -103,9 +104,10 @@ def distance_m(box: Box, touch: TouchPoints, parts: Sequence[str]) -> tuple[floa
     """Metres from the nearest of the body parts to the box, 0 inside, and which part it is."""
     found = []
     for part in parts:
-        points = touch.points[part]
+        points = touch.points[HANDS if part == BOTH_HANDS else part]
         outside = np.maximum(np.maximum(box[:2] - points, points - box[2:]), 0)
-        found.append((float(np.linalg.norm(outside, axis=1).min()), part))
+        away = np.linalg.norm(outside, axis=1)
+        found.append((float(away.max() if part == BOTH_HANDS else away.min()), part))
     pixels, part = min(found)
     return pixels / touch.pixels_per_metre, part
 
