@@ -320,3 +320,59 @@ def test_equal_poses_of_a_symmetric_object_stay_separate_hypotheses(stage):
     turned = turn_between(*(fit.rotations[i] for i in stools))
     assert turned > 30
     assert min(fit.ious[i] for i in stools) > 0.95
+
+
+# ------------------------------------------------------------------------- second mask
+
+
+def coloured_scene():
+    """A red armchair before a grey wall, and a mask that lost its legs and took a piece of wall."""
+    frame, detection = scene(CHAIRS[1], upright(1), np.array([0.0, 0.0, 2.2]))
+    whole = detection.object_mask
+    noise = np.random.default_rng(0).normal(0, 6, (HEIGHT, WIDTH, 3))
+    image = np.where(whole[..., None], [190, 50, 40], [140, 145, 150]) + noise
+    rows = np.flatnonzero(whole.any(1))
+    bad = whole.copy()
+    bad[rows[0] + int(0.8 * len(rows)) :] = False
+    bad[rows[0] : rows[0] + 25, 150:175] = True
+    frame = frame.model_copy(update={"image": np.clip(image, 0, 255).astype(np.uint8)})
+    detected = {"object_mask": bad, "object_mask_source": "segmenter"}
+    return frame, detection.model_copy(update=detected), whole
+
+
+def overlap_of(first, second):
+    return (first & second).sum() / (first | second).sum()
+
+
+def test_the_true_outline_as_prior_repairs_a_mask():
+    from hoi.objectfit.second_mask import second_mask
+
+    frame, detection, whole = coloured_scene()
+    bad, nobody = detection.object_mask, np.zeros_like(whole)
+    again = second_mask(frame.image, bad, nobody, whole.astype(np.float32), seed=0)
+    assert overlap_of(bad, whole) < 0.9 < 0.97 < overlap_of(again, whole)
+    person = np.zeros_like(whole)
+    person[:, :150] = True
+    assert not (second_mask(frame.image, bad, person, whole.astype(np.float32), 0) & person).any()
+
+
+def test_the_outline_of_a_fit_is_drawn_where_the_mesh_is(stage):
+    from hoi.objectfit.second_mask import best_silhouette
+
+    frame, detection = scene(CHAIRS[1], upright(1), np.array([0.1, -0.05, 2.2]))
+    fit = stage(frame, detection, seed=5)
+    shapes = stage._shapes("chair")
+    placed = CHAIRS[1].vertices @ fit.rotations[0].T + fit.translations[0]
+    drawn = best_silhouette(fit, shapes, K, (HEIGHT, WIDTH))
+    true = np.isfinite(depth_map(placed, CHAIRS[1].faces, K, HEIGHT, WIDTH))
+    assert overlap_of(drawn > 0.5, true) > 0.97
+
+
+def test_a_second_mask_is_made_of_detected_masks_and_kept_when_it_leaves_less(library, stage):
+    config = ObjectFitConfig(num_starts=200, second_mask=True)
+    twice = ObjectFitStage(config, library)
+    frame, detection, _ = coloured_scene()
+    first, second = stage(frame, detection, seed=5), twice(frame, detection, seed=5)
+    assert second.ious[0] > first.ious[0]
+    given = detection.model_copy(update={"object_mask_source": "given"})
+    assert twice(frame, given, seed=5).to_bytes() == first.to_bytes()

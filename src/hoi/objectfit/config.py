@@ -161,6 +161,12 @@ class ObjectFitConfig(Settings):
         description="growth is full when one in so many outline pixels touches the unknown",
     )
 
+    second_mask: bool = Field(
+        default=False,
+        description="after the fit, cut a detected object out again with the best silhouette as "
+        "prior, fit once more, and keep the fit with the smaller residual (docs/detection.md)",
+    )
+
     @model_validator(mode="after")
     def _ranges_ascend(self):
         for name in ("yaw_deg", "pitch_deg", "roll_deg"):

@@ -20,6 +20,8 @@ from hoi.objectfit.search import Poses, Shape, View, narrow, rank, score_starts
 from hoi.objectfit.starts import start_boxes, start_rotations
 from hoi.rendering import Roi, SilhouetteTarget, crop_mask, intrinsics_for
 
+GIVEN = "given"  # the source of masks that nobody detected
+
 
 class ObjectFitStage:
     """Finds exemplars and poses whose silhouettes explain the object's visible mask.
@@ -42,9 +44,25 @@ class ObjectFitStage:
             FrameFailure: `no_exemplars`, `empty_object_mask` or `mask_size_mismatch`.
             AssetError: the category's library is damaged.
         """
+        object_mask, person_mask = _masks(frame, detection, self.config.min_mask_pixels)
+        fit = self._fit(frame, object_mask, person_mask, seed)
+        if not self.config.second_mask or detection.object_mask_source == GIVEN:
+            return fit
+        from hoi.objectfit.second_mask import best_silhouette, second_mask
+
+        image, shapes = frame.image, self._shapes(frame.category)
+        assert image is not None
+        drawn = best_silhouette(fit, shapes, _intrinsics(frame, self.config), image.shape[:2])
+        again = second_mask(image, object_mask, person_mask, drawn, seed)
+        if again.sum() < self.config.min_mask_pixels:
+            return fit
+        return min(fit, self._fit(frame, again, person_mask & ~again, seed), key=_residual)
+
+    def _fit(
+        self, frame: Frame, object_mask: np.ndarray, person_mask: np.ndarray, seed: int
+    ) -> ObjectFit:
         config = self.config
         schedule = config.chosen_schedule
-        object_mask, person_mask = _masks(frame, detection, config.min_mask_pixels)
         shapes = self._shapes(frame.category)
         roi = Roi.around(_box(object_mask), config.roi_margin)
         view_at = _views(config, object_mask, person_mask, roi, _intrinsics(frame, config))
@@ -75,6 +93,12 @@ class ObjectFitStage:
         if self.config.shapes == "medoid":
             exemplars = [exemplars[medoid([exemplar.vertices for exemplar in exemplars])]]
         return [Shape.of(exemplar) for exemplar in exemplars]
+
+
+def _residual(fit: ObjectFit) -> float:
+    """What the best pose leaves unexplained of the mask that it was fitted to."""
+    assert fit.ious is not None
+    return 1 - float(fit.ious[0])
 
 
 def medoid(shapes: Sequence[np.ndarray]) -> int:
