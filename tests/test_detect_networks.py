@@ -121,6 +121,49 @@ def test_a_crop_maps_its_centre_and_its_upright_axis():
     np.testing.assert_allclose(mapped(128, 0), [30 + 64, 40], atol=1e-9)
 
 
+class ScriptedPose:
+    """BlazePose whose landmark model answers with people in given boxes, one a pass."""
+
+    def __new__(cls, *answers, **settings):
+        from hoi.detect.blazepose import BlazePose, Crop, _Reading
+
+        class Pose(BlazePose):
+            def __init__(self):
+                self.config = DetectConfig().blazepose.model_copy(update=settings)
+                self.left = list(answers)
+
+            def _first_crops(self, image, box):
+                return [Crop(np.array([50.0, 50.0]), 100.0, 0.0)]
+
+            def _read(self, image, crop, intrinsics):
+                (x0, y0, x1, y1), score = self.left.pop(0)
+                points = np.column_stack([np.linspace(x0, x1, 39), np.linspace(y0, y1, 39)])
+                points[33:35] = (x0 + x1) / 2, (y0 + y1) / 2  # middle of the hips, and above them
+                points[34, 1] -= (y1 - y0) / 2
+                flat = np.zeros((256, 256))
+                return _Reading(np.eye(3), points, np.full(39, 0.9), np.zeros((39, 3)), flat, score)
+
+        return Pose()
+
+
+@pytest.mark.parametrize(
+    ("second", "score", "kept"),
+    [
+        ((22, 12, 60, 96), 0.9, True),  # the same person, better centred
+        ((70, 10, 130, 98), 0.99, False),  # a neighbour, though the model is surer of them
+        ((22, 12, 60, 96), 0.2, False),  # nobody
+    ],
+)
+def test_a_second_pass_counts_only_while_it_stays_with_the_person(second, score, kept):
+    first, box = (20, 10, 60, 98), (18.0, 8.0, 62.0, 100.0)
+    pose = ScriptedPose((first, 0.8), (second, score), passes=2)
+    found = pose(np.zeros((120, 160, 3), np.uint8), box, np.diag([100.0, 100.0, 1.0]))
+    assert not pose.left
+    left, top = second[:2] if kept else first[:2]
+    np.testing.assert_allclose(found.keypoints[:, :2].min(0), [left, top], atol=1)
+    assert found.score == (score if kept else 0.8)
+
+
 def test_a_crop_at_the_side_shows_what_a_turned_camera_sees():
     from hoi.detect.blazepose import Crop
 
