@@ -18,6 +18,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from llm_stub import Stub
 from test_report_browser import CHROMIUM, QUIET
 
 REPO = Path(__file__).parents[1]
@@ -368,3 +369,110 @@ def test_an_unusable_configuration_stops_with_the_key_named(done, changes, messa
     done.configure(**changes)
     output = done.run(check=False)
     assert message in output and "Traceback" not in output
+
+
+def recorded_models(folder: Path) -> None:
+    """Two models: they say the same of sitting, in other words, and differ in all other actions."""
+    from hoi.priors.answered import write_tables
+    from hoi.priors.config import LanguageModelConfig
+
+    said = {
+        "first": {"length": " 0.85m", "sit": " seat/butt, charm/aura", "": " seat/hands"},
+        "second": {"length": " 85 cm", "sit": " seat cushion/buttocks", "": " back/hands"},
+    }
+
+    def answer(body: dict) -> str:
+        of, prompt = said[body["model"]], body["prompt"]
+        if "length estimator" in prompt:
+            return of["length"]
+        sits = prompt.endswith("Action: sit\nObject: chair\nContacts:")
+        return of["sit" if sits else ""]
+
+    stub = Stub(answer)
+    for model in ("first", "second"):
+        config = LanguageModelConfig(
+            base_url=stub.url, model=model, mode="record", recordings=str(folder),
+            map_parts="aliases",
+        )  # fmt: skip
+        write_tables(config, REPO / "src/hoi/data/priors", folder / f"{model} tables")
+    stub.close()
+
+
+def test_another_language_model_reruns_priors_and_the_frames_whose_answers_changed(done):
+    recordings = done.folder / "answers"
+    recorded_models(recordings)
+
+    def ask(model: str) -> None:
+        nobody = "http://127.0.0.1:9/v1"
+        asked = {"model": model, "recordings": str(recordings), "map_parts": "aliases"}
+        done.configure(
+            priors={"source": "llm", "max_hypotheses": 1, "llm": asked | {"base_url": nobody}}
+        )
+
+    try:
+        ask("first")
+        done.run()
+        assert done.planned() == {}
+        ask("second")
+        counts = jobs(done.run())
+        assert set(counts) == {"prior_tables", "priors", "joint", "evaluate", "table"}
+        assert counts["priors"] == 2  # and no detection, body or object fit
+        for method in ("ours", "phosa"):
+            lines = done.logs(f"joint/{method}").splitlines()
+            for sequence, remembered in zip(SEQUENCES, (True, False), strict=True):
+                (line,) = [line for line in lines if f"{sequence}-t" in line]
+                assert ("remembered" in line) == remembered, line
+        answered = (done.folder / "resources/priors/contacts.csv").read_text()
+        assert "second" in answered and "first" not in answered
+    finally:
+        done.configure()
+        done.run()
+
+
+NO_NETWORK = """
+import socket
+
+def refuse(self, address):
+    if self.family != socket.AF_UNIX:
+        raise OSError(f"the network was asked for {address}")
+
+socket.socket.connect = socket.socket.connect_ex = refuse
+"""
+
+
+def test_a_fresh_checkout_replays_all_priors_without_a_network(tmp_path):
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=REPO, capture_output=True, text=True)
+    if listed.returncode:
+        pytest.skip("not a git checkout")
+    fresh = tmp_path / "fresh"
+    for name in filter(None, listed.stdout.split("\0")):
+        wanted = name.startswith(("src/", "workflow/", "config/", "profiles/", "Snakefile"))
+        if wanted and (REPO / name).is_file():
+            (fresh / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(REPO / name, fresh / name)
+    (tmp_path / "blocked").mkdir()
+    (tmp_path / "blocked" / "sitecustomize.py").write_text(NO_NETWORK)
+    asked = {"model": "GPT-3 as printed", "map_parts": "aliases", "gaps": "recorded"}
+    settings = {"dataset": "behave_mini", "priors": {"source": "llm", "llm": asked}}
+    (fresh / "config" / "replay.yaml").write_text(yaml.safe_dump(settings))
+    targets = ["resources/priors/contacts.csv", "results/priors.csv"]
+    command = [sys.executable, "-m", "snakemake", "-j1", *targets]
+    done = subprocess.run(
+        [*command, "--configfile", "config/replay.yaml"],
+        cwd=fresh,
+        env=os.environ | {"PYTHONPATH": f"{tmp_path / 'blocked'}:{fresh / 'src'}"},
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    for name in ("sizes", "contacts"):
+        answered = pd.read_csv(fresh / f"resources/priors/{name}.csv")
+        printed = pd.read_csv(fresh / f"src/hoi/data/priors/{name}.csv")
+        printed = printed[printed["source"].str.contains("Tab.", regex=False)]
+        asked_model = answered["model"] == asked["model"]
+        keys = ["category"] if name == "sizes" else ["category", "action"]
+        replayed = set(map(tuple, answered.loc[asked_model, keys].to_numpy()))
+        assert replayed == set(map(tuple, printed[keys].to_numpy()))
+    votes = pd.read_csv(fresh / "results/priors.csv")
+    assert len(votes) >= 4
