@@ -62,7 +62,7 @@ def test_every_method_of_the_tables_gives_a_valid_artifact(name, library, tmp_pa
     again = Joint.load(tmp_path / "joint.npz")
     assert again.to_bytes() == result.to_bytes()
     assert result.method == name
-    assert result.action == ("lift" if name == "no_action" else "sit")
+    assert result.action == ("lift" if name.endswith("no_action") else "sit")
     assert result.hypothesis_exemplars == ["box", "other"]
     assert set(result.loss_curve) == set(method_config(name).terms)
     assert {"total", "order_violation", "iou"} <= set(result.hypothesis_terms)
@@ -199,6 +199,22 @@ def test_among_likely_actions_the_picture_decides(library):
     assert all(len(values) == 4 for values in result.hypothesis_terms.values())
     alone = run(sitting_scene(second=True), library, method_config("ours"))
     np.testing.assert_array_equal(result.object_vertices, alone.object_vertices)
+
+
+def test_an_action_without_contacts_does_not_win_by_having_none_to_miss(library):
+    scene = hypotheses(sitting_scene(second=True), sit=0.5, lift=0.5)
+    beside = scene.prior.hypotheses[1].model_copy(update={"action": "stand by", "contacts": []})
+    tried = [scene.prior.hypotheses[0], beside]
+    scene.prior = scene.prior.model_copy(update={"hypotheses": tried})
+
+    def chosen(cost):
+        changes = {"untouched_cost": cost, "consensus": 0.0, "fast": QUICK}
+        return run(scene, library, method_config("ours", action="hypotheses", **changes))
+
+    free, dear = chosen(0.0), chosen(0.1)
+    assert free.action == "stand by" and dear.action == "sit"
+    assert dear.selection_rule.endswith("+ 0.1 where nothing touches")
+    assert "nothing touches" not in free.selection_rule
 
 
 def test_an_unlikely_action_needs_more_than_a_slightly_better_loss(library):

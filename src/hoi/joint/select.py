@@ -85,6 +85,7 @@ def rule_text(
     action_weight: float = 0.0,
     consensus: float = 0.0,
     arrangement_weight: float = 0.0,
+    untouched_cost: float = 0.0,
 ) -> str:
     """The selection rule in one line, for the artifact and the report."""
     rule = "total loss"
@@ -94,6 +95,8 @@ def rule_text(
         rule += f" - {action_weight:g} x log p(action)"
     if arrangement_weight:
         rule += f" + {arrangement_weight:g} x misplacement"
+    if untouched_cost:
+        rule += f" + {untouched_cost:g} where nothing touches"
     if consensus:
         likely = f"exp(-score / {consensus:g}), score = {rule}"
         return f"least expected distance to the others, weighted by {likely}"

@@ -211,6 +211,14 @@ class JointStage:
         fronts = placement.rotations[:, :, 2].double().numpy()  # of the library's +z
         return misplacement(way.interaction.arrangement, inputs.body_joints, centres, fronts)
 
+    def _untouched(self, solutions: Sequence[Solution]) -> np.ndarray:
+        """(K,) what hypotheses pay under whose action nothing touches: no contact can be missed."""
+        config = self.config
+        weighed = config.untouched_cost if config.terms.get("contact") else 0.0
+        return np.concatenate(
+            [np.full(len(s.total), 0.0 if s.interaction.contacts else weighed) for s in solutions]
+        )
+
     def _result(
         self,
         frame_id: str,
@@ -230,7 +238,8 @@ class JointStage:
         except ValueError as error:
             raise FrameFailure("joint_diverged", str(error)) from error
         misplaced = np.concatenate([solution.misplaced for solution in solutions])
-        score = score + config.arrangement_weight * misplaced
+        untouched = self._untouched(solutions)
+        score = score + config.arrangement_weight * misplaced + untouched
         points = [points for solution in solutions for points in solution.surface]
         selected = (
             choose(score, points, config.consensus)
@@ -284,6 +293,7 @@ class JointStage:
                 config.action_weight if len(solutions) > 1 else 0.0,
                 config.consensus,
                 config.arrangement_weight,
+                float(untouched.max()),
             ),
             loss_curve={name: _listed(optimum.curves[:, i, k]) for i, name in enumerate(names)},
         )
