@@ -11,6 +11,7 @@ import socketserver
 import subprocess
 import threading
 import time
+from html import unescape as html_text
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -349,6 +350,41 @@ def test_tables_of_the_index_are_not_cut_on_a_laptop(browse):
     html = gallery_page([good("a")], tables=[table, table]).replace("</body>", probe)
     dom, _, _ = browse(html, (1280, 900), False)
     assert 'data-cut="false"' in dom
+
+
+UNNAMED = """<script>
+  for (const fold of document.querySelectorAll("details")) fold.open = true;
+  const all = (query) => Array.from(document.querySelectorAll(query));
+  const named = (e) => e.textContent.trim() || e.getAttribute("aria-label") || e.title ||
+    (e.labels && e.labels.length) || e.querySelector("img[alt]:not([alt=''])");
+  const wrong = [
+    ...all("img:not([alt])"), ...all("svg:not([role=img][aria-label]):not([aria-hidden])"),
+    ...all("button, select, input, a[href]:not([aria-hidden]), summary").filter((e) => !named(e)),
+    ...all("a[href][aria-hidden]:not([tabindex='-1'])"),
+    ...all("th").filter((e) => !e.scope || !e.textContent.trim()),
+    ...all("[role=group]:not([aria-label])"),
+    ...all(".scroll").filter((e) => e.scrollWidth > e.clientWidth && e.tabIndex < 0),
+  ].map((e) => e.outerHTML.slice(0, 80));
+  const ids = all("[id]").map((e) => e.id), heads = all("h1, h2, h3").map((e) => +e.tagName[1]);
+  if (new Set(ids).size !== ids.length) wrong.push("an id twice");
+  if (heads[0] !== 1 || heads.some((level, k) => k && level > heads[k - 1] + 1))
+    wrong.push("headings out of order");
+  if (!document.documentElement.lang || !document.querySelector("main")) wrong.push("no main");
+  const told = document.createElement("pre");
+  told.id = "wrong";
+  told.textContent = JSON.stringify(wrong);
+  document.body.append(told);
+</script></body>"""
+
+
+@pytest.mark.parametrize("which", ["frame", "index"])
+def test_screen_readers_and_keyboards_find_names_headings_and_every_scroller(browse, page, which):
+    table = as_html(LaidOutTable("T", "", "Action", (("", ("n",)),), (("Sit", ("1",)),)))
+    cards = [good("small", 5.0), good("large", 50.0), lost("none"), half("middle")]
+    source = page if which == "frame" else gallery_page(cards, tables=[table])
+    dom, _, _ = browse(source.replace("</body>", UNNAMED), (500, 800), False)
+    found = re.search(r'<pre id="wrong">(.*?)</pre>', dom, re.DOTALL)
+    assert found is not None and html_text(found[1]) == "[]"
 
 
 def test_screenshots_are_kept(browse, page):

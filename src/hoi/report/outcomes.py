@@ -256,7 +256,7 @@ def describe_joint(joint: Joint | None) -> Outcome:
                 )
                 for index, name in enumerate(found.hypothesis_exemplars)
             )
-            header = ("", "Exemplar", *(("Action",) if acted else ()), *found.hypothesis_terms)
+            header = ("No.", "Exemplar", *(("Action",) if acted else ()), *found.hypothesis_terms)
             grids.append(Grid("Hypotheses at the end", header, rows, found.selected))
         facts = (
             ("Chosen", words(found.exemplar, found.selection_rule)),
