@@ -96,7 +96,7 @@ def test_html_is_well_formed_self_contained_and_holds_the_same_cells(results):
     assert not reader.open and not EXTERNAL.findall(page)
     assert "Hand 7.2 (2.0) 80.0 (40.0) 7.2 (2.0) 30.0 (15.0) 4" in reader.text
     spans = [int(a["colspan"]) for tag, a in reader.tags if tag == "th" and "colspan" in a]
-    assert spans == [2, 2, 1]
+    assert spans == [2, 2]
 
 
 def test_detail_adds_median_and_failures(results):
