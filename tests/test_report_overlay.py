@@ -12,6 +12,9 @@ from hoi.artifacts import BodyFit, Detection, Frame, Joint, ObjectFit
 from hoi.report.colours import linear_from_srgb, rgb
 from hoi.report.config import ReportConfig
 from hoi.report.overlay import (
+    body_panel,
+    close_up,
+    detection_panel,
     exemplar_panels,
     frame_overlays,
     frame_thumbnail,
@@ -263,3 +266,21 @@ def test_the_card_of_a_failed_frame_shows_its_photo():
     photo = synthetic.frame().image
     assert card is not None and photo is not None
     assert card.mean() == pytest.approx(photo.mean(), abs=2)
+
+
+def test_the_close_up_shows_the_same_part_of_the_photo_as_the_body():
+    frame, detection = synthetic.frame(), synthetic.detection()
+    whole = detection_panel(frame, detection, CONFIG)
+    tight = CONFIG.model_copy(update={"crop_margin": 0.0})
+    near = close_up(frame, detection, tight)
+    body = body_panel(frame, detection, synthetic.body_fit(), FACES, tight)
+    assert near.image.shape == body.image.shape and near.alt == whole.alt
+
+    def width_of_the_outline(image):
+        orange = np.abs(image.astype(int) - rgb(CONFIG.object_line_colour)).sum(axis=2) < 60
+        return np.ptp(np.flatnonzero(orange.any(axis=0))) + 1
+
+    crop = region_of_interest(frame, detection, tight)
+    larger = frame.image.shape[1] / (crop[2] - crop[0])
+    grown = width_of_the_outline(near.image) / width_of_the_outline(whole.image)
+    assert grown == pytest.approx(larger, rel=0.15) and larger > 1.2

@@ -64,8 +64,8 @@ def page_labels(wildcards):
     return {"frame": f"{action} · {wildcards.frame}" if action else wildcards.frame}
 
 
-def artifact_indexes(dataset, chunk):
-    """Indexes of every stage for one chunk, by name."""
+def artifact_indexes(dataset, chunk, methods=None):
+    """Indexes of every stage for one chunk, by name; of all methods that are compared, or some."""
     base, name = f"results/{dataset}", f"{chunk.name}.json"
     named = {
         "frames": f"{base}/frames/{name}",
@@ -77,7 +77,7 @@ def artifact_indexes(dataset, chunk):
         "exemplars": exemplars_of(chunk),
         "settings": SETTINGS_FILE.format(dataset=dataset, group=chunk.group),
     }
-    for method in methods_of(dataset, chunk.group):
+    for method in methods or methods_of(dataset, chunk.group):
         named[f"{method}_objects"] = f"{base}/objectfit/{CONFIG.methods[method].search}/{name}"
         named[f"{method}_joints"] = f"{base}/joint/{method}/{name}"
         if dataset != PHOTOS:
@@ -240,7 +240,11 @@ rule index:
 rule scenes:
     # for every frame an overlay picture; scene, parameters and turntable where there is a result
     input:
-        unpack(lambda wildcards: artifact_indexes(wildcards.dataset, chunk_named(wildcards.chunk))),
+        unpack(
+            lambda wildcards: artifact_indexes(
+                wildcards.dataset, chunk_named(wildcards.chunk), ["ours"]
+            )
+        ),
     output:
         "results/{dataset}/scenes/{chunk}.json",
     params:
@@ -255,7 +259,7 @@ rule scenes:
 
 
 # the frame of the README's picture, and its sharpness
-OVERVIEW_FRAME = "Date03_Sub04_chairblack_liftreal-t0003.000"
+OVERVIEW_FRAME = "Date03_Sub04_chairblack_sit-t0003.000"
 OVERVIEW_SHARP = {"image_width": 800, "tile_width": 400, "supersampling": 3}
 
 
@@ -264,7 +268,7 @@ rule overview:
     input:
         unpack(
             lambda wildcards: artifact_indexes(
-                "behave_mini", frame_chunk("behave_mini", OVERVIEW_FRAME)
+                "behave_mini", frame_chunk("behave_mini", OVERVIEW_FRAME), ["ours"]
             )
         ),
     output:

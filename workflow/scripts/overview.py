@@ -6,7 +6,8 @@ from chunk_job import logged
 from frame_artifacts import FrameArtifacts
 
 from hoi.report.config import ReportConfig
-from hoi.report.overlay import frame_overlays, jpeg, overview
+from hoi.report.overlay import close_up, frame_overlays, jpeg, overview
+from hoi.report.scene import gravity_up
 
 config = ReportConfig(**(snakemake.config.get("report", {}) | snakemake.params.sharp))
 frame_id = snakemake.params.frame
@@ -23,5 +24,7 @@ with logged(snakemake):
         artifacts.faces,
         artifacts.exemplars(frame.category),
         config,
+        gravity_up(view.joint, view.prior),
     )
+    panels = [close_up(frame, artifacts.detection(frame_id), config), *panels[1:]]
     Path(snakemake.output[0]).write_bytes(jpeg(overview(panels), config.jpeg_quality))

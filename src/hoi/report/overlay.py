@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -132,6 +132,17 @@ def detection_panel(frame: Frame, detection: Detection | None, config: ReportCon
         f"below confidence {config.keypoint_confidence:g}.",
         "" if detection.ok else _reason(detection, "detect"),
     )
+
+
+def close_up(frame: Frame, detection: Detection | None, config: ReportConfig) -> Panel:
+    """The detection's panel cut to person and object as the other panels are."""
+    if frame.image is None:
+        return detection_panel(frame, detection, config)
+    whole = detection_panel(
+        frame, detection, config.model_copy(update={"image_width": frame.image.shape[1]})
+    )
+    crop = region_of_interest(frame, detection, config)
+    return replace(whole, image=_photo(whole.image, crop, config.image_width)[0])
 
 
 def body_panel(
