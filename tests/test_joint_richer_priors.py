@@ -105,11 +105,13 @@ def test_of_two_poses_the_one_that_faces_as_said_is_chosen(tmp_path):
     save_library([box_chair()], tmp_path / "chair.npz")
     scene = sitting_scene(yaw=0.0)
     about = np.diag([-1.0, 1, -1])
+    rotations, translations = scene.objects.rotations, scene.objects.translations
+    assert rotations is not None and translations is not None
     scene.objects = scene.objects.model_copy(
         update={
             "exemplars": ["box", "box"],
-            "rotations": np.stack([scene.objects.rotations[0], scene.objects.rotations[0] @ about]),
-            "translations": np.repeat(scene.objects.translations, 2, 0),
+            "rotations": np.stack([rotations[0], rotations[0] @ about]),
+            "translations": np.repeat(translations, 2, 0),
             "ious": np.array([0.9, 0.9]),
         }
     )
@@ -126,6 +128,7 @@ def test_of_two_poses_the_one_that_faces_as_said_is_chosen(tmp_path):
             what_is_read(scene.prior, config), seed=3,
         )  # fmt: skip
         chosen[facing] = result.selected
+        assert result.selected is not None
         placed = result.hypothesis_terms["misplacement"]
         assert placed[result.selected] == min(placed)
         assert "misplacement" in result.selection_rule
