@@ -221,7 +221,7 @@ class ResegmentConfig(Settings):
         description="A mask whose box overlaps less with the box asked with shows another thing.",
     )
     least_area: float = Field(
-        default=0.7,
+        default=0.45,
         ge=0,
         le=1,
         description="A mask whose box is smaller than this share of the detector's has missed a "

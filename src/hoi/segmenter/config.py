@@ -14,7 +14,7 @@ Range = tuple[float, float]
 class SceneConfig(Settings):
     """The rendered photos that the network learns from."""
 
-    scenes: PositiveInt = Field(default=1200, description="pictures to learn from")
+    scenes: PositiveInt = Field(default=1600, description="pictures to learn from")
     validation: PositiveInt = Field(
         default=60, description="pictures of meshes and bodies that training never sees"
     )
@@ -45,13 +45,13 @@ class TrainConfig(Settings):
     init: str | None = Field(
         default=None, description="checkpoint to go on from, instead of the detector's weights"
     )
-    decoder_steps: int = Field(default=1200, ge=0)
-    whole_steps: int = Field(default=600, ge=0)
+    decoder_steps: int = Field(default=700, ge=0)
+    whole_steps: int = Field(default=2000, ge=0)
     batch: PositiveInt = 24
     side: int = Field(default=192, ge=64, multiple_of=32, description="pixels of a crop at first")
     late_side: int = Field(default=256, ge=64, multiple_of=32, description="and in the second half")
     rate: float = Field(default=2e-3, gt=0, description="of learning, decoder")
-    whole_rate: float = Field(default=5e-4, gt=0, description="of the decoder in the second phase")
+    whole_rate: float = Field(default=1e-3, gt=0, description="of the decoder in the second phase")
     backbone_share: float = Field(default=0.1, ge=0, description="of that rate, for the backbone")
     warmup: PositiveInt = Field(default=60, description="steps")
     weight_decay: float = Field(default=1e-3, ge=0)
