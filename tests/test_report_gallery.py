@@ -77,6 +77,12 @@ def test_links_are_relative_and_nothing_is_fetched():
     assert not EXTERNAL.findall(text)
 
 
+def test_other_pages_are_named_beside_the_frames():
+    page = gallery_page([], others={"actions & poses": "actions.html"})
+    assert '<a class="page" href="actions.html">actions &amp; poses</a>' in page
+    assert "More:" not in gallery_page([])
+
+
 def test_names_and_statuses_are_escaped():
     evil = "<b onclick=alert(1)>\"'&"
     failure = synthetic.failed(Joint, evil, evil, "joint")

@@ -218,6 +218,7 @@ rule index:
     input:
         unpack(lambda _: gallery_inputs(DATASET, index_groups())),
         unpack(index_tables),
+        others=["results/actions.html"],
     output:
         report(
             "results/index.html",

@@ -19,6 +19,7 @@ pages = {
     Path(path).stem: os.path.relpath(path, folder) for path in snakemake.input.get("pages", [])
 }
 SHOWN = "ours"
+TITLES = {"actions": "how well actions are told apart, with the nearest poses of each"}
 
 
 def tables() -> list[str]:
@@ -46,5 +47,9 @@ with logged(snakemake):
         cards.append(
             card_of(frame, detection, views, pages.get(frame_id, ""), image, truth, config)
         )
-    page = gallery_page(cards, config, snakemake.params.heading, tables())
+    others = {
+        TITLES[Path(path).stem]: os.path.relpath(path, folder)
+        for path in snakemake.input.get("others", [])
+    }
+    page = gallery_page(cards, config, snakemake.params.heading, tables(), others)
     Path(snakemake.output[0]).write_text(page)

@@ -188,12 +188,13 @@ def gallery_page(
     config: ReportConfig | None = None,
     heading: str = "All frames",
     tables: Sequence[str] = (),
+    others: Mapping[str, str] | None = None,
 ) -> str:
     """The gallery as one HTML string; equal inputs give equal text.
 
     It fetches nothing. Links to the frames' pages are relative; inside Snakemake's report, where
     no relative link can work, they are shown as plain text. `tables` are HTML fragments, see
-    :func:`hoi.report.tables.as_html`.
+    :func:`hoi.report.tables.as_html`; `others` are pages to name beside them, by title.
     """
     config = config or ReportConfig()
     shown = cards[: config.max_cards]
@@ -204,6 +205,7 @@ def gallery_page(
         script=source("gallery.js"),
         heading=heading,
         tables=tables,
+        others=others or {},
         summary=_summary(cards, methods),
         causes=causes_by_method(cards, methods),
         measured=any(score.object_cm is not None for c in cards for score in c.scores.values()),
