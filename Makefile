@@ -1,6 +1,6 @@
 # make demo   set up, then reconstruct the embedded data set and print the paper's table
 # make test   set up, then lint, type check and run every test
-# make accuracy the opt-in test of the ablations' order, a quarter of an hour
+# make accuracy the opt-in test of the ablations' order, six minutes
 # make bench  the quick benchmarks, CSV files into benchmarks/results
 # make report the HTML report of everything that was computed
 # Variables:  JOBS=2 parallel jobs; PYTHON=python3.11; TORCH_INDEX=<url of PyTorch's CPU wheels>
