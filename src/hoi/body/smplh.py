@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hoi.body.files import SmplhFile, read_smplh_file
+from hoi.body.skinning import skinned
 from hoi.errors import AssetError
 
 #: How the translation places the root. `model`: the root joint keeps its place in the template,
@@ -76,19 +77,7 @@ class SmplhModel:
         """
         data = self.data
         shaped = data.v_template + data.shapedirs[..., : len(betas)] @ betas
-        rest = data.joint_regressor @ shaped
         local = Rotation.from_rotvec(np.reshape(pose, (-1, 3))).as_matrix()
-        shaped = shaped + data.posedirs @ (local[1:] - np.eye(3)).ravel()
-        world = np.empty_like(local)
-        joints = np.empty_like(rest)
-        for joint, parent in enumerate(data.parents):
-            if parent < 0:
-                world[joint], joints[joint] = local[joint], rest[joint]
-                continue
-            world[joint] = world[parent] @ local[joint]
-            joints[joint] = joints[parent] + world[parent] @ (rest[joint] - rest[parent])
-        offsets = joints - np.einsum("jab,jb->ja", world, rest)
-        blended = np.einsum("vj,jab->vab", data.weights, world)
-        vertices = np.einsum("vab,vb->va", blended, shaped) + data.weights @ offsets
+        vertices, joints = skinned(data, shaped, local, data.parents)
         shift = np.asarray(trans, float) - (joints[0] if root == "centred" else 0.0)
         return PosedBody(vertices + shift, joints + shift)

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from hoi.body.files import BodyFile
 from hoi.body.skeleton import PARENTS
+from hoi.body.skinning import skinned
 
 _LEVEL = np.array([0.0, 1.0, 0.0])
 
@@ -26,19 +27,6 @@ def stand(body: BodyFile, body_pose: np.ndarray, pelvis_up: np.ndarray | None = 
         length = float(np.linalg.norm(axis))
         turn = axis / length * np.arccos(cosine) if length > 1e-9 else turn
     pose = np.concatenate([turn, np.asarray(body_pose, np.float64)]).reshape(-1, 3)
-    points = _posed(body, Rotation.from_rotvec(pose).as_matrix())
+    points, _ = skinned(body, body.v_template, Rotation.from_rotvec(pose).as_matrix(), PARENTS)
     points[:, 1] -= points[:, 1].min()
     return points
-
-
-def _posed(body: BodyFile, rotations: np.ndarray) -> np.ndarray:
-    """Linear blend skinning of the average shape by (24, 3, 3), as `hoi.body.model` does it."""
-    joints = body.joint_regressor @ body.v_template
-    points = body.v_template + body.posedirs @ (rotations[1:] - np.eye(3)).ravel()
-    turns, places = rotations.copy(), joints.copy()
-    for joint, parent in list(enumerate(PARENTS))[1:]:
-        turns[joint] = turns[parent] @ rotations[joint]
-        places[joint] = places[parent] + turns[parent] @ (joints[joint] - joints[parent])
-    shifts = places - np.einsum("jab,jb->ja", turns, joints)
-    turned = np.einsum("vj,jab->vab", body.weights, turns)
-    return np.einsum("vab,vb->va", turned, points) + body.weights @ shifts
