@@ -10,6 +10,7 @@ from hoi.artifacts import Detection
 from hoi.body.keypoints import KEYPOINT
 from hoi.cli import main
 from hoi.datasets.labelled import read_labelled
+from hoi.detect.agreement import detection_table
 from hoi.detect.boxes import mask_box
 from hoi.detect.mask_methods import FOUND, TRUE, compare_masks, mask_methods, mask_table
 from hoi.detect.oks import SIGMAS, keypoint_similarity
@@ -80,6 +81,31 @@ def test_ways_to_cut_out_are_compared_from_the_found_and_from_the_true_box():
     assert true["grabcut"] > 0.9 > true["box_minus_person"] > 0.6
     text = as_text(masks_layout(table.reset_index(), "toys"), width=200)
     assert "toys: object masks" in text and "chair, true box" in text
+
+
+def test_an_object_is_right_by_its_box_or_by_its_mask():
+    truth = filled(CHAIR_BOX)
+    speckled = truth.copy()
+    speckled[2:4, 150:152] = True  # stretches its box to three times the size
+
+    def right(box, mask, given=truth):
+        found = Detection(
+            frame_id="f",
+            person_box=np.array(PERSON_BOX),
+            object_box=np.array(box),
+            person_mask=filled(PERSON_BOX),
+            object_mask=filled(mask),
+            keypoints=frame().given_keypoints,
+        )
+        row = detection_table([(frame(given_object_mask=given), found)], REGISTRY).iloc[-1]
+        return tuple(row[["object_right", "object_box_right", "object_mask_right"]])
+
+    loose, part, elsewhere = (20.0, 10, 100, 110), (55.0, 60, 65, 110), (100.0, 10, 150, 50)
+    assert right(CHAIR_BOX, CHAIR_BOX) == (1, 1, 1)
+    assert right(CHAIR_BOX, CHAIR_BOX, speckled) == (1, 1, 1)
+    assert right(loose, CHAIR_BOX) == (1, 0, 1)
+    assert right(CHAIR_BOX, part) == (1, 1, 0)
+    assert right(elsewhere, elsewhere) == (0, 0, 0)
 
 
 def test_a_failed_frame_is_compared_with_the_true_box_alone():
@@ -174,6 +200,7 @@ def test_the_command_prints_and_writes_the_tables(folder, tmp_path, monkeypatch,
     header, chair, _ = (out / "detection.csv").read_text().splitlines()
     row = dict(zip(header.split(","), chair.split(","), strict=True))
     assert (row["n"], row["person_found"], row["object_right"]) == ("1", "1", "1")
+    assert (row["object_box_right"], row["object_mask_right"]) == ("1", "1")
     assert row["object@0.6"] == "0" and row["right@ours"] == "1"
     assert (out / "masks.csv").read_text().count("true box") == 2
     assert main(["detection", str(tmp_path / "nowhere")]) == 1

@@ -24,7 +24,7 @@ from hoi.detect.grabcut import GrabCut, draw_skeleton
 from hoi.detect.labels import KNOWN, label_weights
 from hoi.detect.resegment import segment_again, solid_box
 from hoi.detect.stage import DetectionFailure, DetectStage
-from hoi.detect.touching import distance_m, touch_points
+from hoi.detect.touching import distance_m, expectation, touch_points
 from hoi.errors import AssetError, FrameFailure
 
 HEIGHT, WIDTH = 120, 160
@@ -440,6 +440,36 @@ def test_a_thing_of_the_wrong_size_is_not_meant():
     room_sized, cup_sized = box("cup", 0.5, 60, 20, 120, 90), box("cup", 0.3, 68, 66, 75, 74)
     chosen = verdicts(PERSON, room_sized, cup_sized, category="cup", pose=lambda *_: pose)
     assert chosen == ("chosen", "below_threshold", "chosen")
+
+
+def test_what_the_person_uses_decides_between_places_as_near():
+    boxes = (box("person", 0.9, 60, 20, 90, 100), box("chair", 0.5, 30, 60, 58, 100),
+             box("chair", 0.4, 92, 60, 118, 100))  # fmt: skip
+    asked = []
+
+    def chosen(used, **changes):
+        def in_use(image, person, found, extent):
+            asked.append((person, extent))
+            return filled(used).astype(np.float32) * 0.9
+
+        config = REGISTRY.model_copy(update=changes)
+        finder = PairFinder(
+            config, {"eye": lambda image: list(boxes)}, lambda *_: standing(), in_use
+        )
+        image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+        _, choice = finder(image, np.eye(3), "chair", {"chair": 1.0})
+        return choice.object.box, [c.reason for c in choice.candidates if c.label == "chair"]
+
+    left, right = boxes[1].box, boxes[2].box
+    assert chosen((30, 60, 58, 100))[0] == left
+    found, reasons = chosen((92, 60, 118, 100), unused_weight=0.1)
+    assert found == right and any("100% lies there" in reason for reason in reasons)
+    person, extent = asked[-1]
+    known = expectation("chair")
+    assert person == boxes[0].box
+    assert known.shortest_m < extent * 0.017 < known.longest_m  # 100 pixels stand for 1.7 m
+    assert chosen((0, 0, 0, 0), unused_weight=0.1)[0] == left  # it sees nothing: no advice
+    assert chosen((92, 60, 118, 100), unused_weight=1.0)[0] == left
 
 
 def test_looks_that_agree_outweigh_one_that_is_surer():

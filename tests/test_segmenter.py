@@ -18,9 +18,11 @@ from hoi.segmenter.crops import (
     box_crop,
     crop_matrix,
     cropped,
+    extent_crop,
     network_inputs,
     pasted,
     picture_crop,
+    used_crop_matrix,
 )
 from hoi.segmenter.files import halved, load_model, widened
 from hoi.segmenter.pictures import load_picture
@@ -86,6 +88,23 @@ def test_boxes_at_the_edge_give_a_mask_of_the_pictures_size(network, box):
     probability = network(image, box, np.zeros((200, 300)))
     assert probability.shape == (200, 300) and np.isfinite(probability).all()
     assert probability.min() >= 0 and probability.max() <= 1
+
+
+def test_a_crop_around_a_person_hardly_leaves_the_picture():
+    def seen(person):
+        matrix = used_crop_matrix(person, (200, 300))
+        return SIDE / np.sqrt(np.linalg.det(matrix[:, :2]))
+
+    assert seen((100, 50, 140, 150)) == pytest.approx(1.6 * 100)
+    assert seen((20, 0, 200, 199)) == pytest.approx(1.6 * 199)
+    assert seen((0, 0, 280, 200)) == pytest.approx(1.1 * 300)
+
+
+def test_the_size_that_is_told_is_a_share_of_the_crop():
+    matrix = used_crop_matrix((100, 50, 140, 150), (200, 300))  # 160 pixels of the picture
+    assert not extent_crop(None, matrix).any()
+    assert (extent_crop(80, matrix) == round(127 / 2)).all()
+    assert (extent_crop(1e6, matrix) == 127).all() and extent_crop(1e-6, matrix).min() > 0
 
 
 def test_a_crop_beyond_the_picture_is_filled():

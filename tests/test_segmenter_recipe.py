@@ -13,6 +13,7 @@ import pytest
 import torch
 import yaml
 
+from hoi.detect.boxes import mask_box
 from hoi.errors import AssetError
 from hoi.segmenter.config import SceneConfig, TrainConfig
 from hoi.segmenter.crops import SIDE
@@ -37,7 +38,14 @@ REPO = Path(__file__).parents[1]
 BODY = REPO / "src/hoi/data/body/neutral.npz"
 SCENES = SceneConfig(scenes=3, validation=1, side=96, textures=4, held_out_share=0.4)
 TRAIN = TrainConfig(
-    decoder_steps=3, whole_steps=2, batch=2, side=64, late_side=96, save_every=2, workers=1
+    decoder_steps=3,
+    whole_steps=2,
+    batch=2,
+    side=64,
+    late_side=96,
+    save_every=2,
+    workers=1,
+    used_share=0.5,
 )
 
 
@@ -168,6 +176,22 @@ def test_a_target_lies_in_its_box(samples):
     assert np.median(inside) > 0.85
 
 
+def test_some_crops_show_a_person_and_what_they_use_without_a_box(samples):
+    batch = samples.batch(0, 0, 16, 64, used_share=0.5)
+    prompts = batch.prompt[:, 0]
+    assert (prompts[:8].max((1, 2)) == 1).all()
+    told = prompts[8:, 0, 0]  # of the size, the same everywhere
+    assert (prompts[8:] == told[:, None, None]).all() and (told <= 0.5).all()
+    assert len(np.unique(told)) > 2
+    assert batch.prompt[8:, 1].any((1, 2)).all()  # a person says whose thing
+    kinds = {(sample.picture, sample.number): sample.kind for sample in samples.samples}
+    assert samples.uses
+    for use in samples.uses:
+        owner = samples.pictures[use.picture].owner
+        person = owner == samples.pictures[use.picture].number_of("person")
+        assert kinds[use.picture, use.number] == "main" and use.box == mask_box(person)
+
+
 def test_no_pictures_nothing_to_learn():
     with pytest.raises(AssetError, match="learn"):
         SampleSet([])
@@ -260,10 +284,14 @@ def test_opencv_computes_what_torch_does(untrained, tmp_path):
 
 def test_the_summary_tells_detected_boxes_from_true_ones():
     rows = pd.DataFrame({"box": ["detected", "detected", "true"]})
-    for number, method in enumerate(METHODS):
-        rows[method] = [0.4 + 0.1 * number, 0.6 + 0.1 * number, 0.1]
+    for method in METHODS:
+        rows[method] = [0.4, 0.6, 0.1]
+    rows["network"] += 0.1
+    rows.loc[0, "in_use"] = np.nan  # nobody was seen
     table = summary(rows).set_index(["box", "method"])
     assert table.loc[("detected", "network"), "mean_iou"] == pytest.approx(0.6)
+    assert table.loc[("detected", "in_use"), "n"] == 1
+    assert table.loc[("detected", "in_use"), "mean_iou"] == pytest.approx(0.6)
     assert table.loc[("true", "network"), "n"] == 1
     assert table.loc[("all", "grabcut"), "over_half"] == pytest.approx(1 / 3)
 

@@ -13,6 +13,7 @@ from hoi.detect.boxes import longer_side, mask_box, overlap
 from hoi.detect.config import DetectConfig
 from hoi.detect.counts import CORRECT_IOU, detection_counts
 from hoi.detect.oks import keypoint_similarity
+from hoi.detect.resegment import solid_box
 
 ALL = "all"
 
@@ -26,10 +27,12 @@ def detection_table(pairs: Iterable[tuple[Frame, Detection]], config: DetectConf
 
     Returns:
         One row per category, and ``all``: ``n`` frames, ``person_found`` (a person's box was
-        chosen), ``object_right`` (the stage came through and its object's box overlaps the given
-        object mask's by IoU 0.5), ``failed`` and ``failures`` (statuses with their counts),
-        ``person_iou`` and ``object_iou`` (mean IoU of the masks over the frames that came
-        through), ``object_box_iou`` (the same of the chosen box), ``keypoint_oks`` (mean object
+        chosen), ``object_right`` (the stage came through, and its object's box or mask overlaps
+        the given one by IoU 0.5: it is this thing, however well it is cut out),
+        ``object_box_right`` and ``object_mask_right`` (which of the two), ``failed`` and
+        ``failures`` (statuses with their counts), ``person_iou`` and ``object_iou`` (mean IoU of
+        the masks over the frames that came through), ``object_box_iou`` (the same of the chosen
+        box; specks of the given mask do not stretch its box), ``keypoint_oks`` (mean object
         keypoint similarity), ``keypoint_error_px`` and ``keypoint_error`` (median distance of the
         keypoints that both sides are sure of; the second as a share of the person's longer side),
         and for every threshold of :func:`hoi.detect.counts.detection_counts` the frames with a
@@ -59,7 +62,8 @@ def _frame_row(frame: Frame, found: Detection, config: DetectConfig) -> dict[str
         "category": frame.category,
         "status": found.status,
         "person": any(c.label == "person" and c.verdict == "chosen" for c in found.candidates),
-        "right": False,
+        "box_right": False,
+        "mask_right": False,
         "person_iou": np.nan,
         "object_iou": np.nan,
         "box_iou": np.nan,
@@ -71,11 +75,12 @@ def _frame_row(frame: Frame, found: Detection, config: DetectConfig) -> dict[str
         return row
     assert found.object_box is not None
     if frame.given_object_mask is not None and found.object_mask is not None:
-        given = mask_box(frame.given_object_mask)
+        given = solid_box(frame.given_object_mask, config.resegment.smallest_part)
         box = (*(float(side) for side in found.object_box),)
         row["box_iou"] = overlap(box, given)
-        row["right"] = overlap(box, given) >= CORRECT_IOU
         row["object_iou"] = mask_iou(found.object_mask, frame.given_object_mask)
+        row["box_right"] = row["box_iou"] >= CORRECT_IOU
+        row["mask_right"] = row["object_iou"] >= CORRECT_IOU
     if frame.given_person_mask is not None and found.person_mask is not None:
         row["person_iou"] = mask_iou(found.person_mask, frame.given_person_mask)
     if frame.given_keypoints is not None and found.keypoints is not None:
@@ -106,7 +111,9 @@ def _summary(category: object, rows: pd.DataFrame) -> dict[str, object]:
         "category": category,
         "n": len(rows),
         "person_found": int(np.count_nonzero(rows["person"])),
-        "object_right": int(np.count_nonzero(rows["right"])),
+        "object_right": int(np.count_nonzero(rows["box_right"] | rows["mask_right"])),
+        "object_box_right": int(np.count_nonzero(rows["box_right"])),
+        "object_mask_right": int(np.count_nonzero(rows["mask_right"])),
         "failed": sum(failures.values()),
         "failures": "; ".join(f"{status} {n}" for status, n in failures.most_common()),
         "person_iou": rows["person_iou"].mean(),

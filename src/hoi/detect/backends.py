@@ -1,4 +1,4 @@
-"""What a detection back end is: three small roles, one file for each implementation.
+"""What a detection back end is: four small roles, one file for each implementation.
 
 Images are RGB (H, W, 3) uint8, boxes are x0, y0, x1, y1 in pixels, masks are (H, W) bool. An
 implementation is a pure function of its arguments and raises FrameFailure for a picture it cannot
@@ -59,3 +59,16 @@ class ObjectSegmenter(Protocol):
     def __call__(
         self, image: np.ndarray, box: Box, pose: PersonPose, seed: int
     ) -> tuple[np.ndarray, str]: ...
+
+
+class ThingInUse(Protocol):
+    """Guesses which pixels show what a person uses, told neither where it is nor what.
+
+    `extent`: about how many pixels long such a thing looks; None when unknown.
+    """
+
+    def __call__(
+        self, image: np.ndarray, person: Box, pose: PersonPose, extent: float | None
+    ) -> np.ndarray:
+        """(H, W) probability."""
+        ...

@@ -58,3 +58,9 @@ def pixel_window(box: Sequence[float], height: int, width: int) -> tuple[slice, 
     """Rows and columns of the pixels that the box touches, inside the image."""
     x0, y0, x1, y1 = clipped(box, height, width)
     return slice(int(y0), int(np.ceil(y1))), slice(int(x0), int(np.ceil(x1)))
+
+
+def share_inside(weights: np.ndarray, box: Sequence[float]) -> float:
+    """How much of an image of weights (H, W), none negative, lies in the box; 0 of nothing."""
+    total = float(weights.sum())
+    return float(weights[pixel_window(box, *weights.shape)].sum()) / total if total > 0 else 0.0

@@ -4,12 +4,13 @@
    that of a surer person (``same_person``: a part of the body, or its double), and one that is
    smaller than a share of the largest person's (``background_person``).
 2. Looks around each person who is left propose places of the object, with an evidence
-   (:mod:`hoi.detect.evidence`). A place is rated ``evidence x contact x size``: contact falls with
-   the distance from the person's hands, seat, back or feet, whichever touches such things; size
-   with how much longer or shorter than such things the box is (:mod:`hoi.detect.touching`).
-   Without a pose, contact falls linearly with the gap between the boxes. Places beyond the reach
-   (``too_far_from_person``), the person's own box (``same_as_person``), and places whose evidence
-   x size is under the threshold (``below_threshold``) are out.
+   (:mod:`hoi.detect.evidence`). A place is rated ``evidence x contact x size x use``: contact falls
+   with the distance from the person's hands, seat, back or feet, whichever touches such things;
+   size with how much longer or shorter than such things the box is (:mod:`hoi.detect.touching`);
+   use with how little of what the person uses lies in the box, as far as the segmenter's network
+   can tell without a box. Without a pose, contact falls linearly with the gap between the boxes.
+   Places beyond the reach (``too_far_from_person``), the person's own box (``same_as_person``), and
+   places whose evidence x size is under the threshold (``below_threshold``) are out.
 3. The pair with the best ``person score x rating x size of the person`` is chosen; that last
    factor is the square root of the person's area over the largest person's.
 
@@ -23,9 +24,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from hoi.artifacts import Candidate, Hints
 from hoi.detect.backends import Box, DetectedBox, PersonPose
-from hoi.detect.boxes import area, gap, longer_side, overlap, shared_area
+from hoi.detect.boxes import area, gap, longer_side, overlap, share_inside, shared_area
 from hoi.detect.config import DetectConfig
 from hoi.detect.evidence import Proposal
 from hoi.detect.labels import ANY_CATEGORY
@@ -50,6 +53,8 @@ class Scene:
     person: DetectedBox
     pose: PersonPose | None
     proposals: tuple[Proposal, ...]
+    #: (H, W) of each pixel to be what this person uses; None when nobody was asked
+    in_use: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -245,7 +250,7 @@ def _rate(
     named = category not in ANY_CATEGORY
     if not named and place.seen.score < config.unnamed_threshold:
         return _Rating(place.evidence, "below_threshold", f"{told}; no look is sure of it")
-    size, contact = 1.0, 1 - away / config.reach
+    size, contact, use = 1.0, 1 - away / config.reach, 1.0
     why = f"{told} x nearness {contact:.2f}"
     if scene.pose is not None:
         known = expectation(category if named else place.seen.label)
@@ -257,7 +262,11 @@ def _rate(
             size = plausible_size(box, touch, known, config.touch)
             extent = longer_side(box) / touch.pixels_per_metre
             why = f"{why} x size {size:.2f} ({extent:.2f} m)"
-    value = place.evidence * contact * size
+    if scene.in_use is not None:
+        share = share_inside(scene.in_use, box)
+        use = config.unused_weight + (1 - config.unused_weight) * share
+        why = f"{why} x use {use:.2f} (of what the person uses, {share:.0%} lies there)"
+    value = place.evidence * contact * size * use
     # contact tells which one is meant, not whether it is one
     out = "below_threshold" if place.evidence * size < config.object_threshold else ""
     return _Rating(value, out, f"rated {value:.2f}: {why}")

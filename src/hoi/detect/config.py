@@ -333,6 +333,14 @@ class DetectConfig(Settings):
         "person's box, at which a pair is too far apart to interact.",
     )
 
+    unused_weight: float = Field(
+        default=0.25,
+        ge=0,
+        le=1,
+        description="Factor on the rating of a place that shows nothing of what the network takes "
+        "the person to use; 1: it is not asked.",
+    )
+
     max_people: int = Field(
         default=3, ge=1, description="Poses are read of so many people, the plainest ones."
     )

@@ -7,9 +7,10 @@ from collections.abc import Iterable, Iterator
 import pandas as pd
 
 from hoi.artifacts import OK, Detection, Frame
-from hoi.detect.boxes import mask_box, overlap
+from hoi.detect.boxes import overlap
 from hoi.detect.config import DetectConfig
 from hoi.detect.labels import PERSON, label_weights
+from hoi.detect.resegment import solid_box
 
 #: Overlap (IoU) with the box of the data set's own mask from which a box counts as correct.
 CORRECT_IOU = 0.5
@@ -67,7 +68,9 @@ def _frame_rows(frame: Frame, detection: Detection, config: DetectConfig) -> Ite
         if item.label in weights
     ]
     mask = frame.given_object_mask
-    truth = mask_box(mask) if mask is not None and mask.any() else None
+    truth = None
+    if mask is not None and mask.any():
+        truth = solid_box(mask, config.resegment.smallest_part)
     levels = {f"{value:g}": (value, value) for value in config.reported_thresholds}
     levels["ours"] = (config.person_threshold, config.object_threshold)
     for name, (person_level, object_level) in levels.items():

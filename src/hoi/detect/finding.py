@@ -8,13 +8,20 @@ import numpy as np
 
 from hoi.artifacts import Hints
 from hoi.body.keypoints import KEYPOINT
-from hoi.detect.backends import Box, BoxDetector, DetectedBox, PersonPose, PoseEstimator
+from hoi.detect.backends import (
+    Box,
+    BoxDetector,
+    DetectedBox,
+    PersonPose,
+    PoseEstimator,
+    ThingInUse,
+)
 from hoi.detect.boxes import longer_side, pixel_window
 from hoi.detect.choice import NO_HINTS, Choice, Scene, choose, holds, plainest, screen_people
 from hoi.detect.config import DetectConfig
 from hoi.detect.evidence import Look, Proposal, propose
 from hoi.detect.labels import OWN, PERSON, USER
-from hoi.detect.touching import expectation
+from hoi.detect.touching import expectation, usual_extent
 
 _WHOLE = "whole picture"
 
@@ -28,6 +35,7 @@ class PairFinder:
             the first sees nobody.
         pose: reads the poses that say where people could touch things; without it the distance
             between boxes must do.
+        in_use: says what a person whose pose is known uses; without it every place may be that.
     """
 
     def __init__(
@@ -35,10 +43,12 @@ class PairFinder:
         config: DetectConfig,
         detectors: Mapping[str, BoxDetector],
         pose: PoseEstimator | None = None,
+        in_use: ThingInUse | None = None,
     ):
         self.config = config
         self._detectors = dict(detectors)
         self._pose = pose
+        self._in_use = in_use
 
     def __call__(
         self,
@@ -85,7 +95,13 @@ class PairFinder:
                 places = self._places(
                     image, looks, people[index].box, pose, category, weights, config, hints
                 )
-            scenes.append(Scene(people[index], pose, tuple(places)))
+            used = None
+            if self._in_use is not None and pose is not None and len(places) > 1:
+                extent = usual_extent(category, pose, people[index].box, config.touch)
+                used = self._in_use(image, people[index].box, pose, extent)
+                if used.max() <= config.segmenter.threshold:  # sees no such thing
+                    used = None
+            scenes.append(Scene(people[index], pose, tuple(places), used))
         unplaced: list[Proposal] = []
         if not scenes:
             unplaced = propose(looks, weights, config.evidence, image.shape[:2])

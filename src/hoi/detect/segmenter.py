@@ -57,3 +57,9 @@ class Segmenter:
         if share >= self.config.swallowed:
             person = np.zeros_like(person)
         return self._network(image, box, person, self.config.margin)
+
+    def in_use(
+        self, image: np.ndarray, person: Box, pose: PersonPose, extent: float | None
+    ) -> np.ndarray:
+        """A :class:`hoi.detect.backends.ThingInUse`: the same network, asked without a box."""
+        return self._network.in_use(image, person, pose.probability, extent)

@@ -17,6 +17,7 @@ from hoi.detect.backends import (
     ObjectSegmenter,
     PersonPose,
     PoseEstimator,
+    ThingInUse,
 )
 from hoi.detect.boxes import mask_box
 from hoi.detect.choice import Choice, object_failure, person_failure
@@ -114,15 +115,19 @@ class DetectStage:
                 from hoi.detect.blazepose import BlazePose
 
                 self._pose = BlazePose(config.blazepose, folder)
-        self._find = None
-        if detects and box_detectors:
-            self._find = PairFinder(config, box_detectors, self._pose)
+        in_use: ThingInUse | None = None
         if detects and object_segmenter is None:
-            from hoi.detect.segmenter import object_segmenter_of
+            from hoi.detect.segmenter import Segmenter, object_segmenter_of
 
-            self._segment = load_from_box(config.strong, object_segmenter_of(config))
+            own = object_segmenter_of(config)
+            if isinstance(own, Segmenter) and config.unused_weight < 1:
+                in_use = own.in_use
+            self._segment = load_from_box(config.strong, own)
             if strong is not None and config.strong.from_box == "none":
                 self._segment = strong.object_masks(self._segment)
+        self._find = None
+        if detects and box_detectors:
+            self._find = PairFinder(config, box_detectors, self._pose, in_use)
 
     def __call__(self, frame: Frame, seed: int) -> Detection:
         """Detect in one frame.

@@ -112,6 +112,15 @@ def distance_m(box: Box, touch: TouchPoints, parts: Sequence[str]) -> tuple[floa
     return pixels / touch.pixels_per_metre, part
 
 
+def usual_extent(category: str, pose: PersonPose, person: Box, config: TouchConfig) -> float | None:
+    """Pixels that a category's things are long at the person's distance; None when unknown."""
+    known = expectation(category)
+    if known is None:
+        return None
+    middle = (known.shortest_m * known.longest_m) ** 0.5
+    return middle * pixels_per_metre(pose, person, config)
+
+
 def nearness(distance: float, config: TouchConfig) -> float:
     """1 at contact, falling to a floor: (0, 1]."""
     floor = config.far_weight

@@ -14,9 +14,9 @@ Range = tuple[float, float]
 class SceneConfig(Settings):
     """The rendered photos that the network learns from."""
 
-    scenes: PositiveInt = Field(default=1600, description="pictures to learn from")
+    scenes: PositiveInt = Field(default=1800, description="pictures to learn from")
     validation: PositiveInt = Field(
-        default=60, description="pictures of meshes and bodies that training never sees"
+        default=120, description="pictures of meshes and bodies that training never sees"
     )
     side: int = Field(default=512, ge=96, multiple_of=32, description="pixels; pictures are square")
     chunk: PositiveInt = Field(default=60, description="pictures that one job renders")
@@ -32,9 +32,15 @@ class SceneConfig(Settings):
     )
     outdoors_share: float = Field(default=0.25, ge=0, le=1)
     alike_share: float = Field(
-        default=0.5, ge=0, le=1, description="pictures whose things share a few tones"
+        default=0.65, ge=0, le=1, description="pictures whose things share a few tones"
     )
-    clutter: tuple[int, int] = Field(default=(3, 12), description="other objects, from and below")
+    hiding_share: float = Field(
+        default=0.3, ge=0, le=1, description="pictures taken with the person before the object"
+    )
+    repainted_share: float = Field(
+        default=0.55, ge=0, le=1, description="meshes with other materials than their own"
+    )
+    clutter: tuple[int, int] = Field(default=(4, 14), description="other objects, from and below")
     textures: PositiveInt = Field(default=70, description="procedural ones to draw from")
     jpeg_quality: int = Field(default=96, ge=30, le=100)
 
@@ -45,9 +51,12 @@ class TrainConfig(Settings):
     init: str | None = Field(
         default=None, description="checkpoint to go on from, instead of the detector's weights"
     )
-    decoder_steps: int = Field(default=700, ge=0)
-    whole_steps: int = Field(default=2000, ge=0)
+    decoder_steps: int = Field(default=600, ge=0)
+    whole_steps: int = Field(default=2600, ge=0)
     batch: PositiveInt = 24
+    used_share: float = Field(
+        default=0.2, ge=0, lt=1, description="crops of a person and what they use, without a box"
+    )
     side: int = Field(default=192, ge=64, multiple_of=32, description="pixels of a crop at first")
     late_side: int = Field(default=256, ge=64, multiple_of=32, description="and in the second half")
     rate: float = Field(default=2e-3, gt=0, description="of learning, decoder")

@@ -9,6 +9,9 @@ import numpy as np
 
 SIDE = 256  # pixels of the network's square input
 MARGIN = 1.5  # side of the crop / longer side of the box
+USED_MARGIN = 1.6  # the same around a person, where the thing in use is looked for
+_SMALLEST = 0.02  # share of that crop that a thing has at least
+_BEYOND = 1.1  # side of that crop / longer side of the picture, at most
 MEAN_BGR = (103.53, 116.28, 123.675)  # the backbone's normalisation
 STD_BGR = (57.375, 57.12, 58.395)
 _FILL = (124, 116, 103)  # RGB outside the picture: the mean, which normalises to about zero
@@ -39,6 +42,24 @@ def crop_matrix(
     middle = np.array([(x0 + x1) / 2 + shift[0], (y0 + y1) / 2 + shift[1]])
     matrix[:, 2] = side / 2 - matrix[:, :2] @ middle
     return matrix
+
+
+def used_crop_matrix(
+    person: Sequence[float],
+    shape: tuple[int, int],
+    side: int = SIDE,
+    margin: float = USED_MARGIN,
+    **changes,
+) -> np.ndarray:
+    """The same around a person, where the thing in use is looked for; hardly beyond the picture.
+
+    Args:
+        person: x0, y0, x1, y1 in pixels.
+        shape: height and width of the picture.
+        changes: `angle`, `mirrored` and `shift` as above.
+    """
+    longer = max(person[2] - person[0], person[3] - person[1], 1.0)
+    return crop_matrix(person, side, min(margin, _BEYOND * max(shape) / longer), **changes)
 
 
 def cropped(
@@ -128,13 +149,31 @@ def box_crop(box: Sequence[float], matrix: np.ndarray, shape: tuple[int, int], s
     return mask
 
 
+def extent_crop(extent: float | None, matrix: np.ndarray, side: int = SIDE) -> np.ndarray:
+    """(side, side) uint8, the prompt where there is no box: how large a thing is looked for.
+
+    Args:
+        extent: its longer side in pixels of the picture; None when that is unknown.
+        matrix: (2, 3) crop_from_image.
+
+    One value everywhere: 0 for unknown, else half of the extent's share of the crop, so that it is
+    never as bright as the inside of a box.
+    """
+    if extent is None:
+        return np.zeros((side, side), np.uint8)
+    scale = float(np.sqrt(abs(np.linalg.det(matrix[:, :2]))))
+    share = np.clip(extent * scale / side, _SMALLEST, 1.0)
+    return np.full((side, side), round(float(share) * 127), np.uint8)
+
+
 def network_inputs(
     pictures: np.ndarray, boxes: np.ndarray, people: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Float inputs of the network.
 
     Args:
-        pictures: (B, S, S, 3) uint8 RGB; boxes, people: (B, S, S) uint8, 255 = inside, = person.
+        pictures: (B, S, S, 3) uint8 RGB; boxes, people: (B, S, S) uint8, 255 = inside, = person;
+            instead of a box, see :func:`extent_crop`.
 
     Returns:
         picture (B, 3, S, S) float32, BGR and normalised; prompt (B, 2, S, S) float32 in [0, 1].

@@ -2,7 +2,9 @@
 
 The main object of every validation picture is segmented from the box that the detector finds for
 it (of any class: choosing the class is another part's work). Pictures in which it finds none are
-counted, and their masks are made from the true box in rows of their own.
+counted, and their masks are made from the true box in rows of their own. ``segmenter`` is what the
+detect stage does: the network and GrabCut, again from the mask's own box. ``in_use`` is the network
+without any box, asked what the person uses.
 """
 
 from __future__ import annotations
@@ -21,13 +23,14 @@ from hoi.detect.config import DetectConfig
 from hoi.detect.grabcut import GrabCut
 from hoi.detect.labels import PERSON
 from hoi.detect.nanodet import NanoDet
+from hoi.detect.resegment import segment_again
 from hoi.detect.segmenter import Segmenter, refined
 from hoi.segmenter.pictures import Picture, load_picture
 from hoi.segmenter.runtime import MaskNetwork
 
 log = logging.getLogger(__name__)
 _SURROUNDINGS = 1.5  # side of the square around the person / longer side of its box
-METHODS = ("grabcut", "network", "network_grabcut", "segmenter")
+METHODS = ("grabcut", "network", "network_grabcut", "segmenter", "in_use")
 
 
 def mask_iou(first: np.ndarray, second: np.ndarray) -> float:
@@ -57,7 +60,8 @@ class Evaluator:
         self._boxes = NanoDet(self.config.nanodet, models_dir)
         self._pose = BlazePose(self.config.blazepose, models_dir)
         self._colours = GrabCut(self.config.grabcut, self.config.blazepose.visible)
-        self._stage = Segmenter(self.config.segmenter, MaskNetwork(weights), self._colours)
+        self._network = MaskNetwork(weights)
+        self._stage = Segmenter(self.config.segmenter, self._network, self._colours)
 
     def measure(self, image: np.ndarray, truth: np.ndarray, person: np.ndarray) -> dict:
         """IoU of every method in one picture, with the box that they started from.
@@ -74,6 +78,10 @@ class Evaluator:
         box = best[2] if detected and best is not None else true
         row = {"box": "detected" if detected else "true"}
         row |= {name: mask_iou(mask, truth) for name, mask in self._masks(image, box, pose).items()}
+        row["in_use"] = np.nan
+        if pose.score > 0:
+            used = self._network.in_use(image, mask_box(person), pose.probability)
+            row["in_use"] = mask_iou(used > self.config.segmenter.threshold, truth)
         return row
 
     def _masks(self, image: np.ndarray, box: Box, pose: PersonPose) -> dict[str, np.ndarray]:
@@ -83,7 +91,7 @@ class Evaluator:
             "grabcut": self._colours(image, box, pose, 0)[0],
             "network": probability > settings.threshold,
             "network_grabcut": refined(image, box, probability, settings, 0),
-            "segmenter": self._stage(image, box, pose, 0)[0],
+            "segmenter": segment_again(self._stage, image, box, pose, 0, self.config.resegment)[0],
         }
 
     def _detect(self, image: np.ndarray, person: Box | None) -> list[tuple[str, float, Box]]:
@@ -102,17 +110,20 @@ class Evaluator:
 
     def _person(self, image: np.ndarray, person: np.ndarray, seen: list) -> PersonPose:
         shape = image.shape[:2]
-        nobody = np.zeros((21, 3), np.float32)
-        empty = PersonPose(nobody, nobody, np.zeros(shape, np.float32), 0.0)
         if not person.any():
-            return empty
+            return _nobody(shape)
         true = mask_box(person)
         people = [item[2] for item in seen if item[0] == PERSON]
         best = max(people, key=lambda box: overlap(box, true), default=true)
         box = best if overlap(best, true) >= self.minimum_overlap else true
         side = float(max(shape))
         intrinsics = np.array([[side, 0, shape[1] / 2], [0, side, shape[0] / 2], [0, 0, 1.0]])
-        return self._pose(image, box, intrinsics) or empty
+        return self._pose(image, box, intrinsics) or _nobody(shape)
+
+
+def _nobody(shape: tuple[int, int]) -> PersonPose:
+    unseen = np.zeros((21, 3), np.float32)
+    return PersonPose(unseen, unseen, np.zeros(shape, np.float32), 0.0)
 
 
 def evaluate(files: Iterable[Path], evaluator: Evaluator) -> pd.DataFrame:
@@ -139,7 +150,7 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     for box in ("detected", "true", "all"):
         chosen = rows if box == "all" else rows[rows["box"] == box]
         for method in METHODS:
-            values = np.asarray(chosen[method], float)
+            values = np.asarray(chosen[method].dropna(), float)
             parts.append(
                 {
                     "box": box,

@@ -94,15 +94,22 @@ class TextureBank:
 
 
 class Looks:
-    """The materials of one scene.
+    """The materials of one scene; `repainted` is the share of meshes that get new ones.
 
     Real rooms are not as colourful as chance: often the object, the furniture and the wall share
     their tones. A scene with a palette draws most of its colours near a few tones, which is where
     colour alone cannot tell an object from what is behind it.
     """
 
-    def __init__(self, rng: np.random.Generator, scene: Scene, bank: TextureBank, alike: float):
-        self.scene, self.bank = scene, bank
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        scene: Scene,
+        bank: TextureBank,
+        alike: float,
+        repainted: float,
+    ):
+        self.scene, self.bank, self.repainted = scene, bank, repainted
         count = int(rng.integers(1, 4)) if rng.random() < alike else 0
         self.tones = [colour(rng) for _ in range(count)]
 
@@ -171,9 +178,10 @@ def prop_of_mesh(rng: np.random.Generator, looks: Looks, mesh: TexturedMesh) -> 
     projected = np.zeros(len(mesh.colours), bool)
     for index in used:
         texture = int(mesh.texture_of[index])
-        if not mesh.person and (repaint < 0.2 or (repaint < 0.45 and rng.random() < 0.5)):
+        some = looks.repainted / 2 <= repaint < looks.repainted and rng.random() < 0.6
+        if not mesh.person and (repaint < looks.repainted / 2 or some):
             projected[index] = True
-            numbers[index] = looks.material(rng, 0.0 if repaint < 0.1 else 0.7)
+            numbers[index] = looks.material(rng, 0.0 if repaint < looks.repainted / 6 else 0.75)
             continue
         gloss = float(mesh.glosses[index]) * 0.6
         if not mesh.person and rng.random() < 0.2:

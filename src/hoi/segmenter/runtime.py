@@ -15,9 +15,11 @@ from hoi.segmenter.crops import (
     box_crop,
     crop_matrix,
     cropped,
+    extent_crop,
     network_inputs,
     pasted,
     picture_crop,
+    used_crop_matrix,
 )
 from hoi.segmenter.files import load_model
 
@@ -52,14 +54,38 @@ class MaskNetwork:
             margin: side of the crop / longer side of the box.
         """
         matrix = crop_matrix(box, margin=margin)
+        prompt = box_crop(box, matrix, image.shape[:2])
+        return self._answer(image, matrix, prompt, person)
+
+    def in_use(
+        self,
+        image: np.ndarray,
+        person_box: Sequence[float],
+        person: np.ndarray,
+        extent: float | None = None,
+    ) -> np.ndarray:
+        """(H, W) float32 probability of every pixel to be the thing that a person uses.
+
+        Without a box around the thing: this is a hint where it is, and a rough mask.
+
+        Args:
+            image: (H, W, 3) uint8 RGB.
+            person_box: x0, y0, x1, y1 in pixels; person: (H, W) probability of being that person.
+            extent: about how many pixels long such a thing looks there; None when unknown.
+        """
+        matrix = used_crop_matrix(person_box, image.shape[:2])
+        return self._answer(image, matrix, extent_crop(extent, matrix), person)
+
+    def _answer(
+        self, image: np.ndarray, matrix: np.ndarray, prompt: np.ndarray, person: np.ndarray
+    ) -> np.ndarray:
         people = cropped(np.asarray(person, np.float32), matrix)
-        picture, prompt = network_inputs(
-            picture_crop(image, matrix)[None],
-            box_crop(box, matrix, image.shape[:2])[None],
-            np.rint(np.clip(people, 0, 1) * 255).astype(np.uint8)[None],
+        people = np.rint(np.clip(people, 0, 1) * 255).astype(np.uint8)
+        picture, prompts = network_inputs(
+            picture_crop(image, matrix)[None], prompt[None], people[None]
         )
         self._net.setInput(picture, "picture")
-        self._net.setInput(prompt, "prompt")
+        self._net.setInput(prompts, "prompt")
         logits = np.asarray(self._net.forward()).reshape(SIDE // 2, SIDE // 2)
         logits = cv2.resize(logits, (SIDE, SIDE), interpolation=cv2.INTER_LINEAR)
         crop = 1 / (1 + np.exp(-np.clip(logits, -30, 30)))

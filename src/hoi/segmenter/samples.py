@@ -1,5 +1,8 @@
 """Training crops: cut from the rendered pictures, prompted imperfectly, and made photo-like.
 
+Most show one thing, and are prompted with its box. Some show a person and have no box: what is to
+be cut out then is the thing that this person uses, of which at most the size is told.
+
 Every batch has a generator of its own, so that a run that was interrupted goes on with the very
 crops that it would have seen.
 """
@@ -15,12 +18,27 @@ import cv2
 import numpy as np
 
 from hoi.datasets.behave_mini.seeding import generator
+from hoi.detect.backends import Box
+from hoi.detect.boxes import gap, longer_side, mask_box
 from hoi.errors import AssetError
-from hoi.segmenter.crops import box_crop, crop_matrix, cropped, network_inputs, picture_crop
+from hoi.segmenter.crops import (
+    box_crop,
+    crop_matrix,
+    cropped,
+    extent_crop,
+    network_inputs,
+    picture_crop,
+    used_crop_matrix,
+)
 from hoi.segmenter.photos import free_photos, photographed
 from hoi.segmenter.pictures import Picture, load_picture
 
 _CLUTTER_WEIGHT = 0.3  # of a thing that nobody uses, against the main object's 1
+_USED_WITHIN = 0.25  # gap between the boxes / longer side of the person's, for a thing in use
+_USED_MARGINS = (1.3, 2.0)  # side of the crop / longer side of the person's box
+_UNTOLD = 0.25  # of these crops, those that say nothing of the thing's size
+_EXTENT_SD = 0.35  # of the logarithm of the size that the others tell
+_ALWAYS = 0.85  # of the draws for the person's prompt, those that give one
 
 
 @dataclass(frozen=True)
@@ -29,9 +47,22 @@ class Sample:
 
     picture: int
     number: int
-    box: tuple[float, float, float, float]
+    box: Box
     weight: float
     kind: str
+
+
+@dataclass(frozen=True)
+class Use:
+    """A person in a picture and the thing they use.
+
+    `box` is the person's; `extent` the longer side of the thing's, as far as it is seen.
+    """
+
+    picture: int
+    number: int
+    box: Box
+    extent: float
 
 
 class Batch(NamedTuple):
@@ -60,14 +91,24 @@ class SampleSet:
         ]
         if not self.samples:
             raise AssetError("no rendered picture shows anything to learn from")
+        self.uses = _uses(self.pictures, self.samples)
         weights = np.array([sample.weight for sample in self.samples])
         self._shares = weights / weights.sum()
 
-    def batch(self, seed: int, step: int, size: int, side: int) -> Batch:
-        """The crops of one training step."""
+    def batch(self, seed: int, step: int, size: int, side: int, used_share: float = 0.0) -> Batch:
+        """The crops of one training step.
+
+        Args:
+            used_share: of the crops, those of a person and what they use, without a box.
+        """
         rng = generator(seed, "crops", step)
-        chosen = rng.choice(len(self.samples), size, p=self._shares)
+        used = round(size * used_share) if self.uses else 0
+        chosen = rng.choice(len(self.samples), size - used, p=self._shares)
         crops = [self._crop(rng, self.samples[index], side) for index in chosen]
+        crops += [
+            self._used_crop(rng, self.uses[index], side)
+            for index in rng.choice(len(self.uses), used)
+        ]
         pictures, boxes, people, targets = (np.stack(part) for part in zip(*crops, strict=True))
         inputs = network_inputs(pictures, boxes, people)
         halves = targets.reshape(size, side // 2, 2, side // 2, 2).mean((2, 4), np.float32) / 255
@@ -75,29 +116,57 @@ class SampleSet:
 
     def _crop(self, rng: np.random.Generator, sample: Sample, side: int):
         picture = self.pictures[sample.picture]
-        box = np.array(sample.box)
-        extent = box[2:] - box[:2]
-        spread = rng.uniform(0, 0.09) if rng.random() < 0.88 else 0.16
-        box = box + np.tile(extent, 2) * np.clip(rng.normal(0, 1, 4), -2, 2) * spread
-        shift = rng.normal(0, 0.03, 2) * extent.max()
-        matrix = crop_matrix(
-            box.tolist(),
-            side,
-            rng.uniform(1.3, 1.8),
-            np.deg2rad(rng.normal(0, 6)),
-            bool(rng.random() < 0.5),
-            (shift[0], shift[1]),
-        )
-        shown = picture_crop(picture.image, matrix, side)
-        whole = np.where(picture.owner == sample.number, 255, 0).astype(np.uint8)
-        target = cropped(whole, matrix, side)
-        person = _person_prompt(rng, picture, matrix, target, side)
-        if rng.random() < 0.15:
-            place = np.where(picture.owner == 0, 255, 0).astype(np.uint8)
-            away = cropped(place, matrix, side, 255)[..., None].astype(np.float32) / 255
-            shown = (shown * (1 - away) + _photo_crop(rng, side) * away).astype(np.uint8)
-        prompt = box_crop(box.tolist(), matrix, picture.owner.shape, side)
-        return photographed(rng, shown), prompt, person, target
+        box = _jittered(rng, sample.box)
+        matrix = crop_matrix(box, side, rng.uniform(1.3, 1.8), **_moves(rng, box, 0.03))
+        target = _target(picture, sample.number, matrix, side)
+        person = _person_prompt(rng, picture, matrix, target, side, rng.random())
+        prompt = box_crop(box, matrix, picture.owner.shape, side)
+        return _shown(rng, picture, matrix, side), prompt, person, target
+
+    def _used_crop(self, rng: np.random.Generator, use: Use, side: int):
+        """The person's surroundings; no box, and a person's mask, as that says whose thing."""
+        picture = self.pictures[use.picture]
+        box, shape = _jittered(rng, use.box), picture.owner.shape
+        margin = rng.uniform(*_USED_MARGINS)
+        matrix = used_crop_matrix(box, shape, side, margin, **_moves(rng, box, 0.06))
+        target = _target(picture, use.number, matrix, side)
+        person = _person_prompt(rng, picture, matrix, target, side, rng.random() * _ALWAYS)
+        told = rng.random() >= _UNTOLD
+        extent = use.extent * np.exp(rng.normal(0, _EXTENT_SD)) if told else None
+        prompt = extent_crop(extent, matrix, side)
+        return _shown(rng, picture, matrix, side), prompt, person, target
+
+
+def _jittered(rng: np.random.Generator, box: Box) -> Box:
+    """A box as loose as a detector's, now and then very loose."""
+    sides = np.array(box)
+    spread = rng.uniform(0, 0.09) if rng.random() < 0.88 else 0.16
+    extent = np.tile(sides[2:] - sides[:2], 2)
+    x0, y0, x1, y1 = (sides + extent * np.clip(rng.normal(0, 1, 4), -2, 2) * spread).tolist()
+    return x0, y0, x1, y1
+
+
+def _moves(rng: np.random.Generator, box: Box, off: float) -> dict:
+    """How a crop is turned, mirrored, and moved by about `off` of the box."""
+    return {
+        "angle": np.deg2rad(rng.normal(0, 6)),
+        "mirrored": bool(rng.random() < 0.5),
+        "shift": tuple(rng.normal(0, off, 2) * longer_side(box)),
+    }
+
+
+def _target(picture: Picture, number: int, matrix: np.ndarray, side: int) -> np.ndarray:
+    return cropped(np.where(picture.owner == number, 255, 0).astype(np.uint8), matrix, side)
+
+
+def _shown(rng: np.random.Generator, picture: Picture, matrix: np.ndarray, side: int) -> np.ndarray:
+    """The crop of the picture, now and then with a photo behind it, as a camera shows it."""
+    shown = picture_crop(picture.image, matrix, side)
+    if rng.random() < 0.15:
+        place = np.where(picture.owner == 0, 255, 0).astype(np.uint8)
+        away = cropped(place, matrix, side, 255)[..., None].astype(np.float32) / 255
+        shown = (shown * (1 - away) + _photo_crop(rng, side) * away).astype(np.uint8)
+    return photographed(rng, shown)
 
 
 def _samples_of(index: int, picture: Picture) -> list[Sample]:
@@ -123,17 +192,37 @@ def _samples_of(index: int, picture: Picture) -> list[Sample]:
     return found
 
 
+def _uses(pictures: list[Picture], samples: list[Sample]) -> list[Use]:
+    """The people with a main object at their hands, feet or body."""
+    found = []
+    for sample in samples:
+        owner = pictures[sample.picture].owner
+        mask = owner == pictures[sample.picture].number_of("person")
+        if sample.kind != "main" or not pictures[sample.picture].person.any() or not mask.any():
+            continue
+        person = mask_box(mask)
+        if gap(person, sample.box) < _USED_WITHIN * longer_side(person):
+            extent = longer_side(sample.box)
+            found.append(Use(sample.picture, sample.number, person, extent))
+    return found
+
+
 def _person_prompt(
-    rng: np.random.Generator, picture: Picture, matrix: np.ndarray, target: np.ndarray, side: int
+    rng: np.random.Generator,
+    picture: Picture,
+    matrix: np.ndarray,
+    target: np.ndarray,
+    side: int,
+    draw: float,
 ) -> np.ndarray:
     """(S, S) uint8 person mask as bad as it can be: the pose model's, a spoilt true one, none.
 
-    Now and then it swallows the object or a part of it, as pose models do with worn bags.
+    Now and then it swallows the object or a part of it, as pose models do with worn bags. `draw`
+    in [0, 1] decides which it is.
     """
-    draw = rng.random()
     number = picture.number_of("person")
     result = np.zeros((side, side), np.uint8)
-    if number and draw < 0.85:
+    if number and draw < _ALWAYS:
         mask = picture.person
         if draw >= 0.62:
             true = np.where(picture.owner == number, 255, 0).astype(np.uint8)

@@ -41,7 +41,9 @@ _GENERATED = {
     ),
 }  # fmt: skip
 _USES = ("seat", "stand", "ride", "any", "hold")
-_SHARES = (0.33, 0.15, 0.07, 0.07, 0.38)
+_SHARES = (0.33, 0.17, 0.07, 0.07, 0.36)
+_SOFT_SEATS = r"sofa|couch|armchair|ottoman"  # large and of one piece: easy, and many
+_FEW = 3  # meshes of a kind; fewer would be shown again and again
 _HELD_OUT_SEEDS = 100_000  # generated objects of validation are drawn from here on
 
 
@@ -115,7 +117,7 @@ class Composer:
     def __call__(self, rng: np.random.Generator) -> Staged:
         """A scene; its main object may turn out to be hidden."""
         scene = Scene()
-        looks = Looks(rng, scene, self.bank, self.config.alike_share)
+        looks = Looks(rng, scene, self.bank, self.config.alike_share, self.config.repainted_share)
         use = str(rng.choice(_USES, p=_SHARES))
         main = self._main(rng, looks, use)
         main.turn(_turn_y(rng.uniform(0, 2 * np.pi)))
@@ -129,7 +131,7 @@ class Composer:
             items.append(("person", figure.prop))
         clutter = self._clutter(rng, looks, main, items)
         bystanders = self._bystanders(rng, looks, items)
-        camera = self._camera(rng, main, items)
+        camera = self._camera(rng, main, items, figure)
         items += [
             item for item in clutter + bystanders if _out_of_the_way(rng, item[1], camera, main)
         ]
@@ -157,6 +159,8 @@ class Composer:
         if use in _GENERATED and rng.random() < self.config.generated_share:
             return self._generated(rng, looks, str(rng.choice(_GENERATED[use])))
         patterns = {"seat": _SEATS, "ride": _RIDES}
+        if use == "seat" and rng.random() < 0.6:
+            patterns["seat"] = rf"^(?!.*({_SOFT_SEATS})).*({_SEATS})"
         if use == "stand" and rng.random() < 0.6:
             patterns["stand"] = _TABLES
         if use == "hold" and rng.random() < 0.4:
@@ -167,11 +171,11 @@ class Composer:
     def _listed(
         self, rng: np.random.Generator, looks: Looks, pattern: str, limits: tuple[float, float]
     ) -> Prop:
-        """A mesh whose title and size fit; of any title where none does."""
+        """A mesh whose title and size fit; of any title where hardly one does."""
         low, high = limits
         fitting = [entry for entry in self.things if low < max(entry.size) < high]
         named = [entry for entry in fitting if re.search(pattern, entry.title, re.IGNORECASE)]
-        choice = named or fitting or self.things
+        choice = named if len(named) >= _FEW else fitting or self.things
         mesh = self.store.load(choice[int(rng.integers(len(choice)))])
         return prop_of_mesh(rng, looks, mesh)
 
@@ -230,7 +234,7 @@ class Composer:
             prop = self._some_thing(rng, looks, (0.07, 2.4))
             prop.turn(_turn_y(rng.uniform(0, 2 * np.pi)))
             prop.stand()
-            reach, angle = rng.uniform(0.4, 3.0), rng.uniform(0, 2 * np.pi)
+            reach, angle = 0.3 + 2.7 * rng.random() ** 1.5, rng.uniform(0, 2 * np.pi)
             raised = 0.0 if rng.random() < 0.85 else rng.uniform(0.3, 1.6)
             prop.move([middle[0], 0, middle[2]] - prop.middle * [1, 0, 1])
             prop.move([reach * np.cos(angle), raised, reach * np.sin(angle)])
@@ -351,8 +355,10 @@ class Composer:
 
     # ------------------------------------------------------------------------ camera, place
 
-    def _camera(self, rng: np.random.Generator, main: Prop, items) -> Camera:
-        """Somewhere around the pair, or close to the object."""
+    def _camera(
+        self, rng: np.random.Generator, main: Prop, items, figure: _Figure | None
+    ) -> Camera:
+        """Somewhere around the pair, or close to the object; often with the person before it."""
         if rng.random() < 0.35:
             target, extent = main.middle, float(main.size.max())
         else:
@@ -365,6 +371,10 @@ class Composer:
         level = rng.random() < 0.8
         pitch = np.deg2rad(rng.uniform(-5, 30) if level else rng.uniform(-12, 60))
         bearing = rng.uniform(0, 2 * np.pi)
+        if figure is not None and rng.random() < self.config.hiding_share:
+            aside = figure.prop.middle - main.middle
+            if np.hypot(aside[0], aside[2]) > 0.1:
+                bearing = np.arctan2(aside[2], aside[0]) + rng.normal(0, 0.35)
         away = np.array(
             [np.cos(pitch) * np.cos(bearing), np.sin(pitch), np.cos(pitch) * np.sin(bearing)]
         )

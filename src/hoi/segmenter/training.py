@@ -182,7 +182,7 @@ def _batches(
     """The batches of some steps in order, made ahead by threads."""
 
     def make(step: int) -> Batch:
-        return samples.batch(seed, step, config.batch, plan.side(step))
+        return samples.batch(seed, step, config.batch, plan.side(step), config.used_share)
 
     if config.workers == 0:
         yield from map(make, range(first, last))

@@ -119,6 +119,6 @@ def as_instances(
 
 
 def whole_picture_only(config: DetectConfig) -> DetectConfig:
-    """Settings for a model that sees a picture at full size: one look is enough."""
+    """Settings for a model that sees pictures at full size: one look will do, and no advice."""
     looks = config.looks.model_copy(update={"around": (), "around_small": (), "hands": None})
-    return config.model_copy(update={"looks": looks})
+    return config.model_copy(update={"looks": looks, "unused_weight": 1.0})
