@@ -150,7 +150,8 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     for box in ("detected", "true", "all"):
         chosen = rows if box == "all" else rows[rows["box"] == box]
         for method in METHODS:
-            values = np.asarray(chosen[method].dropna(), float)
+            values = np.asarray(chosen[method], float)
+            values = values[np.isfinite(values)]  # nobody to ask about: in_use says nothing
             parts.append(
                 {
                     "box": box,
