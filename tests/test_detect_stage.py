@@ -1,5 +1,7 @@
 """The detect stage without model files: given data, the rule of choice, failures, GrabCut."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -470,6 +472,27 @@ def test_what_the_person_uses_decides_between_places_as_near():
     assert known.shortest_m < extent * 0.017 < known.longest_m  # 100 pixels stand for 1.7 m
     assert chosen((0, 0, 0, 0), unused_weight=0.1)[0] == left  # it sees nothing: no advice
     assert chosen((92, 60, 118, 100), unused_weight=1.0)[0] == left
+
+
+def test_the_stage_asks_its_own_network_what_the_person_uses():
+    """The shipped weights and the whole wiring; detectors and pose are stood in for."""
+    boxes = [PERSON, CHAIR, box("chair", 0.4, 100, 60, 140, 110)]
+    image = np.full((HEIGHT, WIDTH, 3), 60, np.uint8)
+    image[60:110, 62:98] = (200, 120, 40)
+    pose = replace(standing(), probability=filled(PERSON_BOX).astype(np.float32))
+
+    def reasons(**changes):
+        stage = DetectStage(
+            REGISTRY.model_copy(update=changes),
+            box_detectors={"eye": lambda image: boxes},
+            pose_estimator=lambda *_: pose,
+        )
+        found = stage(frame(image=image), seed=0)
+        return [c.reason for c in found.candidates if c.label == "chair"]
+
+    assert all("x use" in reason for reason in reasons())
+    assert not any("x use" in reason for reason in reasons(unused_weight=1.0))
+    assert not any("x use" in reason for reason in reasons(object_masks="grabcut"))
 
 
 def test_looks_that_agree_outweigh_one_that_is_surer():

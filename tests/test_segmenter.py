@@ -214,6 +214,20 @@ def test_the_source_says_whether_colour_had_a_say(network):
 # ------------------------------------------------------------------------- held-out renders
 
 
+def test_without_a_box_it_finds_what_the_person_uses(network):
+    scores = {}
+    for file in sorted(RENDERS.glob("*.npz")):
+        picture = load_picture(file)
+        person = picture.owner == picture.number_of("person")
+        if person.any():
+            main = picture.owner == picture.number_of("main")
+            extent = max(np.ptp(np.argwhere(main), axis=0))
+            seen = cv2.resize(picture.person.astype(np.float32) / 255, main.shape[::-1])
+            found = network.in_use(picture.image, mask_box(person), seen, float(extent)) > 0.5
+            scores[file.stem] = overlap(found, main)
+    assert scores and np.mean(list(scores.values())) > 0.4, scores
+
+
 def test_on_held_out_renders_it_is_far_better_than_colour_alone(network):
     config = DetectConfig()
     colours = GrabCut(config.grabcut, config.blazepose.visible)

@@ -11,9 +11,8 @@ import pandas as pd
 from hoi.artifacts import OK, Detection, Frame
 from hoi.detect.boxes import longer_side, mask_box, overlap
 from hoi.detect.config import DetectConfig
-from hoi.detect.counts import CORRECT_IOU, detection_counts
+from hoi.detect.counts import CORRECT_IOU, detection_counts, labelled_box
 from hoi.detect.oks import keypoint_similarity
-from hoi.detect.resegment import solid_box
 
 ALL = "all"
 
@@ -75,7 +74,7 @@ def _frame_row(frame: Frame, found: Detection, config: DetectConfig) -> dict[str
         return row
     assert found.object_box is not None
     if frame.given_object_mask is not None and found.object_mask is not None:
-        given = solid_box(frame.given_object_mask, config.resegment.smallest_part)
+        given = labelled_box(frame.given_object_mask)
         box = (*(float(side) for side in found.object_box),)
         row["box_iou"] = overlap(box, given)
         row["object_iou"] = mask_iou(found.object_mask, frame.given_object_mask)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+import numpy as np
 import pandas as pd
 
 from hoi.artifacts import OK, Detection, Frame
+from hoi.detect.backends import Box
 from hoi.detect.boxes import overlap
 from hoi.detect.config import DetectConfig
 from hoi.detect.labels import PERSON, label_weights
@@ -14,6 +16,16 @@ from hoi.detect.resegment import solid_box
 
 #: Overlap (IoU) with the box of the data set's own mask from which a box counts as correct.
 CORRECT_IOU = 0.5
+_SPECK = 0.02  # share of a labelled mask under which a part of it does not stretch its box
+
+
+def labelled_box(mask: np.ndarray) -> Box:
+    """The box that detected ones are compared with: of a labelled non-empty mask, without specks.
+
+    Args:
+        mask: (H, W) bool.
+    """
+    return solid_box(mask, _SPECK)
 
 
 def detection_counts(
@@ -68,9 +80,7 @@ def _frame_rows(frame: Frame, detection: Detection, config: DetectConfig) -> Ite
         if item.label in weights
     ]
     mask = frame.given_object_mask
-    truth = None
-    if mask is not None and mask.any():
-        truth = solid_box(mask, config.resegment.smallest_part)
+    truth = labelled_box(mask) if mask is not None and mask.any() else None
     levels = {f"{value:g}": (value, value) for value in config.reported_thresholds}
     levels["ours"] = (config.person_threshold, config.object_threshold)
     for name, (person_level, object_level) in levels.items():
