@@ -1,6 +1,7 @@
 """Measuring detectors: keypoint similarity, ways to cut out, labelled folders, the command."""
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -10,9 +11,10 @@ from hoi.artifacts import Detection
 from hoi.body.keypoints import KEYPOINT
 from hoi.cli import main
 from hoi.datasets.labelled import read_labelled
-from hoi.detect.agreement import detection_table
-from hoi.detect.boxes import mask_box
-from hoi.detect.mask_methods import FOUND, TRUE, compare_masks, mask_methods, mask_table
+from hoi.detect.agreement import detection_table, mask_iou
+from hoi.detect.boxes import grown, mask_box
+from hoi.detect.grabcut import plain_grabcut
+from hoi.detect.mask_methods import FOUND, TRUE, compare_masks, mask_methods, mask_rows, mask_table
 from hoi.detect.oks import SIGMAS, keypoint_similarity
 from hoi.errors import ConfigError
 from hoi.report.detection import masks_layout
@@ -71,16 +73,37 @@ def test_ways_to_cut_out_are_compared_from_the_found_and_from_the_true_box():
     )
     methods = mask_methods(REGISTRY)
     rows = compare_masks(a_frame, wrong, pose, methods, seed=0)
-    table = mask_table(rows).set_index(["category", "box"])
+    table = mask_table(mask_rows(rows)).set_index(["category", "box"])
     assert set(methods) <= set(table.columns)
     assert table.loc[("chair", TRUE), "n"] == 1
     assert table.loc[("chair", FOUND), "whole_box"] == 0  # the wrong place
     true = table.loc[("chair", TRUE)]
     box, disc = filled(mask_box(truth), (200, 240)), truth
     assert true["whole_box"] == pytest.approx((box & disc).sum() / (box | disc).sum(), abs=0.02)
+    assert np.isnan(true["stage"]) and table.loc[("chair", FOUND), "stage"] == 1
     assert true["grabcut"] > 0.9 > true["box_minus_person"] > 0.6
     text = as_text(masks_layout(table.reset_index(), "toys"), width=200)
     assert "toys: object masks" in text and "chair, true box" in text
+
+
+def test_plain_grabcut_knows_the_box_alone():
+    image, truth, pose = picture()
+    box = grown(mask_box(truth), 6)
+    found, source = plain_grabcut(image, box, pose, 0)
+    assert source == "plain_grabcut" and mask_iou(found, truth) > 0.9
+    everywhere = replace(pose, probability=np.ones_like(pose.probability))
+    np.testing.assert_array_equal(plain_grabcut(image, box, everywhere, 0)[0], found)
+    large = cv2.resize(image, None, fx=5, fy=5)
+    found, _ = plain_grabcut(large, tuple(5 * edge for edge in box), pose, 0)
+    assert found.shape == large.shape[:2]
+    assert mask_iou(found, cv2.resize(truth.astype(np.uint8), found.shape[::-1]) > 0) > 0.9
+
+
+@pytest.mark.parametrize("box", [(-5.0, -5, 999, 999), (20.0, 20, 21, 60), (-9.0, -9, -3, -3)])
+def test_plain_grabcut_answers_with_the_box_where_it_cannot_be_asked(box):
+    image, _, pose = picture()
+    found, source = plain_grabcut(image, box, pose, 0)
+    assert source == "box" and found.shape == image.shape[:2]
 
 
 def test_an_object_is_right_by_its_box_or_by_its_mask():

@@ -16,10 +16,6 @@ use rule detect as detect_registry with:
         "logs/{dataset}/detect_registry/{chunk}.log",
 
 
-def all_indexes(stage):
-    return [path for group in GROUPS for path in indexes(group, stage)]
-
-
 rule table_detection:
     input:
         frames=lambda _: [path for group in GROUPS for path in indexes(group, "frames")],
@@ -47,3 +43,51 @@ rule table_detection:
         "logs/detection.log",
     script:
         "../scripts/table_detection.py"
+
+
+rule masks:
+    # every way to cut out the object, from the box that was found and from the true one
+    input:
+        frames="results/{dataset}/frames/{chunk}.json",
+        detections="results/{dataset}/detect_registry/{chunk}.json",
+        models=models_of(REGISTRY),
+    output:
+        "results/{dataset}/masks/{chunk}.csv",
+    params:
+        identity=stage_identity("masks", REGISTRY),
+    message:
+        "Comparing object masks of {wildcards.chunk}"
+    log:
+        "logs/{dataset}/masks/{chunk}.log",
+    script:
+        "../scripts/masks.py"
+
+
+rule table_masks:
+    input:
+        lambda _: [
+            path.replace(".json", ".csv") for group in GROUPS for path in indexes(group, "masks")
+        ],
+    output:
+        csv=report(
+            "results/masks.csv",
+            caption="../report/masks.rst",
+            category=TABLES,
+            labels={"table": "object masks", "form": "csv"},
+        ),
+        html=report(
+            "results/masks.html",
+            caption="../report/masks.rst",
+            category=TABLES,
+            labels={"table": "object masks", "form": "as a table"},
+        ),
+    params:
+        dataset=DATASET,
+        split=CONFIG.split,
+        identity=identity("table_masks", {}),
+    message:
+        "Collecting results/masks.csv"
+    log:
+        "logs/masks.log",
+    script:
+        "../scripts/table_masks.py"

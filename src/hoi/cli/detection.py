@@ -25,7 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
     from hoi.artifacts import Detection, Frame
     from hoi.datasets.labelled import read_labelled
     from hoi.detect.agreement import detection_table
-    from hoi.detect.mask_methods import compare_masks, mask_methods, mask_table
+    from hoi.detect.mask_methods import compare_masks, mask_methods, mask_rows, mask_table
     from hoi.detect.models import fetch_models
     from hoi.detect.stage import DetectStage
     from hoi.errors import FrameFailure
@@ -66,14 +66,15 @@ def run(arguments: argparse.Namespace) -> int:
     table = detection_table(looked(), settings)
     table.insert(0, "dataset", arguments.folder.name)
     table.insert(1, "split", "labelled")
+    by_method = mask_table(mask_rows(masks))
     print("\n" + as_text(detection_layout(table)))
     if masks:
-        print("\n" + as_text(masks_layout(mask_table(masks), arguments.folder.name)))
+        print("\n" + as_text(masks_layout(by_method, arguments.folder.name)))
     if arguments.out is not None:
         arguments.out.mkdir(parents=True, exist_ok=True)
         table.to_csv(arguments.out / "detection.csv", index=False, float_format="%.3f")
         pd.DataFrame(photos).to_csv(arguments.out / "photos.csv", index=False)
         if masks:
-            mask_table(masks).to_csv(arguments.out / "masks.csv", index=False, float_format="%.3f")
+            by_method.to_csv(arguments.out / "masks.csv", index=False, float_format="%.3f")
         print(f"\nwritten to {arguments.out}")
     return 0

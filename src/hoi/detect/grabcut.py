@@ -11,7 +11,7 @@ import numpy as np
 
 from hoi.body.keypoints import KEYPOINT
 from hoi.detect.backends import Box, PersonPose
-from hoi.detect.boxes import grown, longer_side, pixel_window
+from hoi.detect.boxes import clipped, grown, longer_side, pixel_window
 from hoi.detect.config import GrabCutConfig
 
 LIMBS: tuple[tuple[str, str], ...] = tuple(
@@ -28,6 +28,7 @@ LIMBS: tuple[tuple[str, str], ...] = tuple(
         ("ear", "shoulder"),
     )
 ) + (("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"))
+_PLAIN_SIDE = 640  # pixels
 _TRUNK = ("left_shoulder", "right_shoulder", "right_hip", "left_hip")
 
 
@@ -97,6 +98,31 @@ class GrabCut:
         found = np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.float32)
         result[window] = cv2.resize(found, crop.shape[1::-1]) > 0.5
         return result
+
+
+def plain_grabcut(
+    image: np.ndarray, box: Box, pose: PersonPose, seed: int
+) -> tuple[np.ndarray, str]:
+    """GrabCut as OpenCV documents it: the whole picture, the box, five iterations, no person.
+
+    The baseline that everybody has; pictures are reduced to 640 pixels. Answers with the box where
+    that leaves nothing outside or is too thin to have an inside.
+    """
+    height, width = image.shape[:2]
+    whole = np.zeros((height, width), bool)
+    whole[pixel_window(box, height, width)] = True
+    scale = min(1.0, _PLAIN_SIDE / max(height, width))
+    size = max(round(width * scale), 1), max(round(height * scale), 1)
+    x0, y0, x1, y1 = (round(edge * scale) for edge in clipped(box, height, width))
+    if x1 - x0 < 2 or y1 - y0 < 2 or (x1 - x0, y1 - y0) == size:
+        return whole, "box"
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    labels = np.zeros(small.shape[:2], np.uint8)
+    models = np.zeros((1, 65)), np.zeros((1, 65))
+    cv2.setRNGSeed(seed % (2**31))
+    cv2.grabCut(small, labels, (x0, y0, x1 - x0, y1 - y0), *models, 5, cv2.GC_INIT_WITH_RECT)
+    found = np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.float32)
+    return cv2.resize(found, (width, height)) > 0.5, "plain_grabcut"
 
 
 def _shrunk(mask: np.ndarray, size: tuple[int, int]) -> np.ndarray:

@@ -12,13 +12,17 @@ from hoi.detect.agreement import ALL, mask_iou
 from hoi.detect.backends import Box, ObjectSegmenter, PersonPose
 from hoi.detect.boxes import mask_box, pixel_window
 from hoi.detect.config import DetectConfig
+from hoi.detect.grabcut import plain_grabcut
 
 #: Where the box comes from: the detectors chose it, or it is the labelled mask's own.
 FOUND, TRUE = "found box", "true box"
 
 
 def mask_methods(config: DetectConfig) -> dict[str, ObjectSegmenter]:
-    """The ways to compare: the box itself, the box without the person, colour, the network."""
+    """The ways to compare: the box, the box without the person, colour, the network.
+
+    ``plain_grabcut`` knows only the box; ``grabcut`` is ours, which knows the person.
+    """
     from hoi.detect.segmenter import object_segmenter_of
 
     colour = object_segmenter_of(config.model_copy(update={"object_masks": "grabcut"}))
@@ -28,6 +32,7 @@ def mask_methods(config: DetectConfig) -> dict[str, ObjectSegmenter]:
     return {
         "whole_box": _box,
         "box_minus_person": _box_minus_person,
+        "plain_grabcut": plain_grabcut,
         "grabcut": colour,
         "network": object_segmenter_of(network),
         "network_grabcut": object_segmenter_of(settled),
@@ -43,6 +48,8 @@ def compare_masks(
 ) -> list[dict[str, object]]:
     """One row per method and box: ``photo``, ``category``, ``box``, ``method``, ``iou``.
 
+    ``stage`` is the mask that was found: from the detector's box, and again from the mask's own.
+
     Args:
         frame: with its labelled object mask.
         found: what the stage said of it; a failed one is compared with the true box only.
@@ -56,23 +63,37 @@ def compare_masks(
     if found.object_box is not None:
         x0, y0, x1, y1 = (float(side) for side in found.object_box)
         boxes[FOUND] = (x0, y0, x1, y1)
+    masks = [
+        (kind, name, segment(image, box, pose, seed)[0])
+        for kind, box in boxes.items()
+        for name, segment in methods.items()
+    ]
+    if found.object_mask is not None:
+        masks.append((FOUND, "stage", found.object_mask))
     return [
         {
             "photo": frame.frame_id,
             "category": frame.category,
             "box": kind,
             "method": name,
-            "iou": mask_iou(segment(image, box, pose, seed)[0], truth),
+            "iou": mask_iou(mask, truth),
         }
-        for kind, box in boxes.items()
-        for name, segment in methods.items()
+        for kind, name, mask in masks
     ]
 
 
-def mask_table(rows: Iterable[dict[str, object]]) -> pd.DataFrame:
-    """Mean IoU: a row per category (and ``all``) and kind of box, a column per method; ``n``."""
-    table = pd.DataFrame(rows, columns=["photo", "category", "box", "method", "iou"])
-    table = pd.concat([table, table.assign(category=ALL)], ignore_index=True)
+def mask_rows(rows: Iterable[dict[str, object]]) -> pd.DataFrame:
+    """The rows as a table, with its columns even where there are none."""
+    return pd.DataFrame(rows, columns=["photo", "category", "box", "method", "iou"])
+
+
+def mask_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Mean IoU: a row per category (and ``all``) and kind of box, a column per method; ``n``.
+
+    Args:
+        rows: of :func:`mask_rows`.
+    """
+    table = pd.concat([rows, rows.assign(category=ALL)], ignore_index=True)
     groups = table.groupby(["category", "box"], sort=False)
     counts = pd.DataFrame({"n": groups["photo"].nunique()})
     means = table.pivot_table(
