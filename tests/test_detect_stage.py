@@ -26,7 +26,7 @@ from hoi.detect.grabcut import GrabCut, draw_skeleton
 from hoi.detect.labels import KNOWN, label_weights
 from hoi.detect.resegment import segment_again, solid_box
 from hoi.detect.stage import DetectionFailure, DetectStage
-from hoi.detect.touching import distance_m, expectation, touch_points
+from hoi.detect.touching import distance_m, expectation, held, touch_points
 from hoi.errors import AssetError, FrameFailure
 
 HEIGHT, WIDTH = 120, 160
@@ -450,7 +450,7 @@ def test_what_the_person_uses_decides_between_places_as_near():
     asked = []
 
     def chosen(used, **changes):
-        def in_use(image, person, found, extent):
+        def in_use(image, person, found, extent, held):
             asked.append((person, extent))
             return filled(used).astype(np.float32) * 0.9
 
@@ -472,6 +472,12 @@ def test_what_the_person_uses_decides_between_places_as_near():
     assert known.shortest_m < extent * 0.017 < known.longest_m  # 100 pixels stand for 1.7 m
     assert chosen((0, 0, 0, 0), unused_weight=0.1)[0] == left  # it sees nothing: no advice
     assert chosen((92, 60, 118, 100), unused_weight=1.0)[0] == left
+
+
+def test_what_is_small_and_touched_by_hand_alone_is_held():
+    assert held("keyboard", 0.6) and held("cup", 0.6)
+    assert not held("backpack", 0.6)  # on the back, too
+    assert not held("umbrella", 0.6) and not held("no such thing", 0.6)
 
 
 def test_the_stage_asks_its_own_network_what_the_person_uses():

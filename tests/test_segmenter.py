@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from hoi.body.keypoints import KEYPOINT
 from hoi.detect.backends import PersonPose
 from hoi.detect.boxes import mask_box
 from hoi.detect.config import DetectConfig, SegmenterConfig
@@ -14,6 +15,7 @@ from hoi.detect.grabcut import GrabCut
 from hoi.detect.segmenter import Segmenter, object_segmenter_of, refined
 from hoi.errors import AssetError
 from hoi.segmenter.crops import (
+    HANDS_SHARE,
     SIDE,
     box_crop,
     crop_matrix,
@@ -22,7 +24,7 @@ from hoi.segmenter.crops import (
     network_inputs,
     pasted,
     picture_crop,
-    used_crop_matrix,
+    used_window,
 )
 from hoi.segmenter.files import halved, load_model, widened
 from hoi.segmenter.pictures import load_picture
@@ -92,8 +94,10 @@ def test_boxes_at_the_edge_give_a_mask_of_the_pictures_size(network, box):
 
 def test_a_crop_around_a_person_hardly_leaves_the_picture():
     def seen(person):
-        matrix = used_crop_matrix(person, (200, 300))
-        return SIDE / np.sqrt(np.linalg.det(matrix[:, :2]))
+        x0, y0, x1, y1 = used_window(person, (200, 300))
+        np.testing.assert_allclose((x0 + x1, y0 + y1), np.add(person[:2], person[2:]))
+        assert x1 - x0 == pytest.approx(y1 - y0)
+        return x1 - x0
 
     assert seen((100, 50, 140, 150)) == pytest.approx(1.6 * 100)
     assert seen((20, 0, 200, 199)) == pytest.approx(1.6 * 199)
@@ -101,7 +105,7 @@ def test_a_crop_around_a_person_hardly_leaves_the_picture():
 
 
 def test_the_size_that_is_told_is_a_share_of_the_crop():
-    matrix = used_crop_matrix((100, 50, 140, 150), (200, 300))  # 160 pixels of the picture
+    matrix = crop_matrix((40, 20, 200, 180), margin=1.0)  # 160 pixels of the picture
     assert not extent_crop(None, matrix).any()
     assert (extent_crop(80, matrix) == round(127 / 2)).all()
     assert (extent_crop(1e6, matrix) == 127).all() and extent_crop(1e-6, matrix).min() > 0
@@ -211,6 +215,27 @@ def test_the_source_says_whether_colour_had_a_say(network):
         assert source == name and overlap(found, mask) > 0.85
 
 
+def test_what_is_held_is_looked_for_at_the_hands():
+    windows = []
+
+    class Network:
+        def in_use(self, image, window, person, extent):
+            windows.append(window)
+            return person
+
+    pose = nobody((200, 300))
+    pose.keypoints[KEYPOINT["left_wrist"], :2] = 100, 80
+    pose.keypoints[KEYPOINT["right_wrist"], :2] = 120, 90
+    stage = Segmenter(SegmenterConfig(), Network(), GrabCut(DetectConfig().grabcut, 0.5))
+    person = (90.0, 10.0, 150.0, 110.0)
+    for held in (False, True):
+        stage.in_use(np.zeros((200, 300, 3), np.uint8), person, pose, 20.0, held)
+    assert windows[0] == used_window(person, (200, 300))
+    x0, y0, x1, y1 = windows[1]
+    assert ((x0 + x1) / 2, (y0 + y1) / 2) == (110, 85)
+    assert x1 - x0 == pytest.approx(HANDS_SHARE * 100) and y1 - y0 == pytest.approx(x1 - x0)
+
+
 # ------------------------------------------------------------------------- held-out renders
 
 
@@ -223,7 +248,8 @@ def test_without_a_box_it_finds_what_the_person_uses(network):
             main = picture.owner == picture.number_of("main")
             extent = max(np.ptp(np.argwhere(main), axis=0))
             seen = cv2.resize(picture.person.astype(np.float32) / 255, main.shape[::-1])
-            found = network.in_use(picture.image, mask_box(person), seen, float(extent)) > 0.5
+            window = used_window(mask_box(person), main.shape)
+            found = network.in_use(picture.image, window, seen, float(extent)) > 0.5
             scores[file.stem] = overlap(found, main)
     assert scores and np.mean(list(scores.values())) > 0.4, scores
 

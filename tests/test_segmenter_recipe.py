@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 import torch
 import yaml
 
+from hoi.detect.backends import DetectedBox
 from hoi.detect.boxes import mask_box
 from hoi.errors import AssetError
 from hoi.segmenter.config import SceneConfig, TrainConfig
@@ -21,8 +23,10 @@ from hoi.segmenter.evaluation import METHODS, summary
 from hoi.segmenter.export import write_weights
 from hoi.segmenter.meshes import MeshStore, build_store, fetch_packs
 from hoi.segmenter.network import SegmentationNetwork, load_backbone
+from hoi.segmenter.onlookers import Seen, detected_around, fitting_boxes
 from hoi.segmenter.pictures import (
     POSE_DATABASE,
+    Picture,
     draw_picture,
     load_picture,
     picture_names,
@@ -30,7 +34,7 @@ from hoi.segmenter.pictures import (
 )
 from hoi.segmenter.runtime import MaskNetwork
 from hoi.segmenter.samples import SampleSet
-from hoi.segmenter.scenes import Composer
+from hoi.segmenter.scenes import Composer, Instance
 from hoi.segmenter.training import mask_loss, phases, read_weights, train
 from segmenter_packs import write_packs
 
@@ -58,12 +62,15 @@ def meshes(tmp_path_factory):
     return store
 
 
-def half_a_person(image, box):
-    """Stands for the pose model."""
+def onlooker(image, person):
+    """Stands for the detector, which sees the same box in every picture, and the pose model."""
+    boxes = [(10.0, 20.0, 60.0, 90.0)]
+    if person is None:
+        return Seen(None, boxes)
     probability = np.zeros(image.shape[:2], np.float32)
-    x0, y0, x1, y1 = (int(max(edge, 0)) for edge in box)
+    x0, y0, x1, y1 = (int(max(edge, 0)) for edge in person)
     probability[y0:y1, x0 : (x0 + x1) // 2] = 1
-    return probability
+    return Seen(probability, boxes)
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +84,7 @@ def pictures(composer, tmp_path_factory):
     files = []
     for name in picture_names(SCENES, "train"):
         files.append(folder / f"{name}.npz")
-        save_picture(draw_picture(composer, SCENES, 1, name, half_a_person), files[-1], 95)
+        save_picture(draw_picture(composer, SCENES, 1, name, onlooker), files[-1], 95)
     return files
 
 
@@ -138,13 +145,13 @@ def test_a_folder_without_meshes_or_packages_is_named(tmp_path):
 
 
 def test_a_picture_is_the_same_alone_and_comes_back_from_its_file(composer, pictures, tmp_path):
-    again = draw_picture(composer, SCENES, 1, "train-00001", half_a_person)
+    again = draw_picture(composer, SCENES, 1, "train-00001", onlooker)
     stored = load_picture(pictures[1])
     np.testing.assert_array_equal(again.owner, stored.owner)
     save_picture(again, tmp_path / "again.npz", 95)
     np.testing.assert_array_equal(load_picture(tmp_path / "again.npz").image, stored.image)
     assert again.instances == stored.instances
-    other = draw_picture(composer, SCENES, 2, "train-00001", half_a_person)
+    other = draw_picture(composer, SCENES, 2, "train-00001", onlooker)
     assert (other.owner != again.owner).any()
 
 
@@ -154,6 +161,33 @@ def test_pictures_show_their_main_object_and_name_all_that_they_show(pictures):
         numbers = {item.number for item in picture.instances}
         assert picture.number_of("main") == 1 and (picture.owner == 1).sum() > 8
         assert set(np.unique(picture.owner)) - {0} == numbers
+
+
+def test_boxes_go_to_the_thing_that_they_fit_best():
+    chair, table = (0.0, 0.0, 10.0, 10.0), (8.0, 0.0, 28.0, 10.0)
+    boxes = [(0.0, 0.0, 9.0, 10.0), (0.0, 0.0, 10.0, 9.8), (9.0, 0.0, 28.0, 10.0)]
+    boxes += [(0.0, 0.0, 28.0, 10.0)]  # both: of the larger one
+    boxes += [(0.0, 0.0, 10.0, 3.9), (50.0, 50.0, 60.0, 60.0)]  # fit nothing well
+    assert fitting_boxes(boxes, [chair, table]) == [
+        ((0.0, 0.0, 10.0, 9.8), (0.0, 0.0, 9.0, 10.0)),
+        ((9.0, 0.0, 28.0, 10.0), (0.0, 0.0, 28.0, 10.0)),
+    ]
+    assert fitting_boxes([], [chair, table]) == [(), ()]
+    assert len(fitting_boxes([chair] * 9, [chair])[0]) == 3
+
+
+def test_the_detector_looks_at_the_picture_and_around_the_person():
+    shapes = []
+
+    def detector(image):
+        shapes.append(image.shape[:2])
+        return [DetectedBox("chair", 0.5, (1.0, 2.0, 3.0, 4.0), "eye")]
+
+    image = np.zeros((100, 200, 3), np.uint8)
+    (alone,) = detected_around(detector, image, None)
+    both = detected_around(detector, image, (100.0, 30.0, 120.0, 70.0))
+    assert shapes == [(100, 200), (100, 200), (60, 60)]
+    assert [item.box for item in both] == [alone.box, (81.0, 22.0, 83.0, 24.0)]
 
 
 # ---------------------------------------------------------------------------------- samples
@@ -189,7 +223,49 @@ def test_some_crops_show_a_person_and_what_they_use_without_a_box(samples):
     for use in samples.uses:
         owner = samples.pictures[use.picture].owner
         person = owner == samples.pictures[use.picture].number_of("person")
-        assert kinds[use.picture, use.number] == "main" and use.box == mask_box(person)
+        assert kinds[use.picture, use.number] == "main" and use.person == mask_box(person)
+
+
+def test_what_nobody_touches_is_not_in_use(pictures, tmp_path):
+    stored = load_picture(pictures[0])
+    owner = np.zeros_like(stored.owner)
+    owner[20:80, 20:40] = 2
+    person = np.full_like(stored.person, 255)
+    instances = [Instance(1, "main", "chair"), Instance(2, "person", "somebody")]
+    for number, first in enumerate((40, 43)):  # at, and away from, a person of 60 pixels
+        owner[20:80, 40:90] = 0
+        owner[30:70, first : first + 40] = 1
+        picture = Picture(stored.image, owner.copy(), person, instances)
+        save_picture(picture, tmp_path / f"{number}.npz", 95)
+    files = [tmp_path / "0.npz", tmp_path / "1.npz"]
+    assert [use.picture for use in SampleSet(files).uses] == [0]
+
+
+def test_what_is_held_is_mostly_seen_from_near(pictures, tmp_path):
+    stored = load_picture(pictures[0])
+    owner = np.zeros_like(stored.owner)
+    owner[10:90, 20:40], owner[40:56, 40:56] = 2, 1  # a fifth of the person's height
+    instances = [Instance(1, "main", "cup"), Instance(2, "person", "somebody")]
+    person = np.full_like(stored.person, 255)
+    save_picture(Picture(stored.image, owner, person, instances), tmp_path / "a.npz", 95)
+    samples = SampleSet([tmp_path / "a.npz"])
+    shares = samples.batch(0, 0, 60, 64, used_share=0.99).target[1:].mean((1, 2, 3))
+    near = shares > (16 / 80) ** 2  # of a crop that is no larger than the person
+    assert 0.4 < near.mean() < 0.75
+
+
+def test_some_boxes_are_those_of_a_detector(pictures, tmp_path):
+    stored = load_picture(pictures[0])
+    owner = np.zeros_like(stored.owner)
+    owner[30:70, 30:70] = 1
+    drawn = (30.0, 30.0, 95.0, 70.0)  # none that is only jittered is as loose
+    picture = replace(stored, owner=owner, instances=[Instance(1, "main", "chair", (drawn,))])
+    save_picture(picture, tmp_path / "picture.npz", 95)
+    samples = SampleSet([tmp_path / "picture.npz"])
+    assert samples.samples[0].detected == (drawn,)
+    prompts = samples.batch(0, 0, 60, 64).prompt[:, 0] > 0.5
+    wide = [np.ptp(np.flatnonzero(p.any(0))) / np.ptp(np.flatnonzero(p.any(1))) for p in prompts]
+    assert 0.25 < np.mean(np.array(wide) > 1.45) < 0.55
 
 
 def test_no_pictures_nothing_to_learn():

@@ -37,7 +37,7 @@ rule segmenter_pictures:
     # rendered photos; what an interrupted job has rendered is kept
     input:
         meshes=f"{SEGMENTER}/meshes/index.json",
-        models="resources/models/pose.ready",
+        models="resources/models/all.ready",
         body=CONFIG.assets.body_model,
         poses=CONFIG.assets.pose_database,
     output:

@@ -64,11 +64,12 @@ class ObjectSegmenter(Protocol):
 class ThingInUse(Protocol):
     """Guesses which pixels show what a person uses, told neither where it is nor what.
 
-    `extent`: about how many pixels long such a thing looks; None when unknown.
+    `extent`: about how many pixels long such a thing looks; None when unknown. `held`: it is small
+    and in the hands, if anywhere.
     """
 
     def __call__(
-        self, image: np.ndarray, person: Box, pose: PersonPose, extent: float | None
+        self, image: np.ndarray, person: Box, pose: PersonPose, extent: float | None, held: bool
     ) -> np.ndarray:
         """(H, W) probability."""
         ...

@@ -23,6 +23,17 @@ def longer_side(box: Sequence[float]) -> float:
     return max(box[2] - box[0], box[3] - box[1])
 
 
+def middle(box: Sequence[float]) -> np.ndarray:
+    """(2,) x, y of the centre."""
+    return np.array([box[0] + box[2], box[1] + box[3]]) / 2
+
+
+def square(centre: Sequence[float] | np.ndarray, side: float) -> Box:
+    """The square box around x, y."""
+    x, y, half = float(centre[0]), float(centre[1]), side / 2
+    return x - half, y - half, x + half, y + half
+
+
 def shared_area(first: Sequence[float], second: Sequence[float]) -> float:
     low = max(first[0], second[0]), max(first[1], second[1])
     high = min(first[2], second[2]), min(first[3], second[3])
@@ -34,6 +45,16 @@ def overlap(first: Sequence[float], second: Sequence[float]) -> float:
     shared = shared_area(first, second)
     union = area(first) + area(second) - shared
     return shared / union if union > 0 else 0.0
+
+
+def overlaps(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(N, M) intersections over union of boxes (N, 4) and (M, 4)."""
+    low = np.maximum(first[:, None, :2], second[None, :, :2])
+    high = np.minimum(first[:, None, 2:], second[None, :, 2:])
+    shared = np.prod(np.clip(high - low, 0, None), axis=2)
+    own, other = (np.prod(np.clip(b[:, 2:] - b[:, :2], 0, None), axis=1) for b in (first, second))
+    union = own[:, None] + other - shared
+    return shared / np.where(union > 0, union, 1)
 
 
 def gap(first: Sequence[float], second: Sequence[float]) -> float:

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from hoi.artifacts import Hints
-from hoi.body.keypoints import KEYPOINT
 from hoi.detect.backends import (
     Box,
     BoxDetector,
@@ -16,12 +15,12 @@ from hoi.detect.backends import (
     PoseEstimator,
     ThingInUse,
 )
-from hoi.detect.boxes import longer_side, pixel_window
+from hoi.detect.boxes import longer_side, middle, pixel_window, square
 from hoi.detect.choice import NO_HINTS, Choice, Scene, choose, holds, plainest, screen_people
 from hoi.detect.config import DetectConfig
 from hoi.detect.evidence import Look, Proposal, propose
 from hoi.detect.labels import OWN, PERSON, USER
-from hoi.detect.touching import expectation, usual_extent
+from hoi.detect.touching import between_hands, expectation, held, usual_extent
 
 _WHOLE = "whole picture"
 
@@ -98,7 +97,8 @@ class PairFinder:
             used = None
             if self._in_use is not None and pose is not None and len(places) > 1:
                 extent = usual_extent(category, pose, people[index].box, config.touch)
-                used = self._in_use(image, people[index].box, pose, extent)
+                at_hands = held(category, config.looks.small_m)
+                used = self._in_use(image, people[index].box, pose, extent, at_hands)
                 if used.max() <= config.segmenter.threshold:  # sees no such thing
                     used = None
             scenes.append(Scene(people[index], pose, tuple(places), used))
@@ -179,20 +179,14 @@ def _windows(
 ) -> list[tuple[str, Box]]:
     """Names and boxes of the squares to look at again."""
     side = longer_side(person)
-    centre = np.array([person[0] + person[2], person[1] + person[3]]) / 2
+    centre = middle(person)
     known, looks = expectation(category), config.looks
     small = known is not None and known.longest_m <= looks.small_m
     at_hands = small and pose is not None and looks.hands is not None
     windows = [
-        (f"around person x{share:g}", _square(centre, share * side))
+        (f"around person x{share:g}", square(centre, share * side))
         for share in (looks.around_small if at_hands else looks.around)
     ]
     if at_hands and pose is not None and looks.hands is not None:
-        wrists = pose.keypoints[[KEYPOINT["left_wrist"], KEYPOINT["right_wrist"]], :2]
-        windows.append(("at the hands", _square(wrists.mean(0), looks.hands * side)))
+        windows.append(("at the hands", square(between_hands(pose), looks.hands * side)))
     return windows
-
-
-def _square(centre: np.ndarray, side: float) -> Box:
-    x, y, half = float(centre[0]), float(centre[1]), side / 2
-    return x - half, y - half, x + half, y + half

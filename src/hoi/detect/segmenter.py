@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from hoi.detect.backends import Box, ObjectSegmenter, PersonPose
-from hoi.detect.boxes import pixel_window
+from hoi.detect.boxes import longer_side, pixel_window, square
 from hoi.detect.config import DetectConfig, SegmenterConfig
 from hoi.detect.grabcut import GrabCut
 from hoi.detect.settling import refined
+from hoi.detect.touching import between_hands
+from hoi.segmenter.crops import HANDS_SHARE, used_window
 from hoi.segmenter.runtime import MaskNetwork
 
 
@@ -59,7 +61,13 @@ class Segmenter:
         return self._network(image, box, person, self.config.margin)
 
     def in_use(
-        self, image: np.ndarray, person: Box, pose: PersonPose, extent: float | None
+        self, image: np.ndarray, person: Box, pose: PersonPose, extent: float | None, held: bool
     ) -> np.ndarray:
-        """A :class:`hoi.detect.backends.ThingInUse`: the same network, asked without a box."""
-        return self._network.in_use(image, person, pose.probability, extent)
+        """A :class:`hoi.detect.backends.ThingInUse`: the same network, asked without a box.
+
+        It looks closely at the hands for what is held.
+        """
+        window = used_window(person, image.shape[:2])
+        if held:
+            window = square(between_hands(pose), HANDS_SHARE * longer_side(person))
+        return self._network.in_use(image, window, pose.probability, extent)

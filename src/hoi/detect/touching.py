@@ -23,6 +23,7 @@ from hoi.errors import AssetError
 
 HANDS, SEAT, BACK, FEET = "hands", "seat", "back", "feet"
 BOTH_HANDS = "both_hands"  # as near as the farther hand: what is typed on or carried level
+_BY_HAND = {HANDS, BOTH_HANDS}
 _ANYWHERE = (HANDS, SEAT, BACK, FEET)
 _HAND_LENGTH = 0.35  # of the forearm, beyond the wrist
 
@@ -119,6 +120,18 @@ def usual_extent(category: str, pose: PersonPose, person: Box, config: TouchConf
         return None
     middle = (known.shortest_m * known.longest_m) ** 0.5
     return middle * pixels_per_metre(pose, person, config)
+
+
+def held(category: str, longest_m: float) -> bool:
+    """Whether things of a category are no longer than that and touched with the hands alone."""
+    known = expectation(category)
+    return known is not None and known.longest_m <= longest_m and set(known.touches) <= _BY_HAND
+
+
+def between_hands(pose: PersonPose) -> np.ndarray:
+    """(2,) x, y of the middle between both wrists."""
+    wrists = [KEYPOINT["left_wrist"], KEYPOINT["right_wrist"]]
+    return pose.keypoints[wrists, :2].mean(0)
 
 
 def nearness(distance: float, config: TouchConfig) -> float:

@@ -14,7 +14,7 @@ Range = tuple[float, float]
 class SceneConfig(Settings):
     """The rendered photos that the network learns from."""
 
-    scenes: PositiveInt = Field(default=1800, description="pictures to learn from")
+    scenes: PositiveInt = Field(default=3000, description="pictures to learn from")
     validation: PositiveInt = Field(
         default=120, description="pictures of meshes and bodies that training never sees"
     )
@@ -55,7 +55,7 @@ class TrainConfig(Settings):
     whole_steps: int = Field(default=2600, ge=0)
     batch: PositiveInt = 24
     used_share: float = Field(
-        default=0.2, ge=0, lt=1, description="crops of a person and what they use, without a box"
+        default=0.35, ge=0, lt=1, description="crops of a person and what they use, without a box"
     )
     side: int = Field(default=192, ge=64, multiple_of=32, description="pixels of a crop at first")
     late_side: int = Field(default=256, ge=64, multiple_of=32, description="and in the second half")

@@ -7,11 +7,15 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from hoi.detect.backends import Box
+from hoi.detect.boxes import longer_side, middle, square
+
 SIDE = 256  # pixels of the network's square input
 MARGIN = 1.5  # side of the crop / longer side of the box
 USED_MARGIN = 1.6  # the same around a person, where the thing in use is looked for
-_SMALLEST = 0.02  # share of that crop that a thing has at least
-_BEYOND = 1.1  # side of that crop / longer side of the picture, at most
+HANDS_SHARE = 0.55  # side of the square around the hands / longer side of the person's box
+_SMALLEST = 0.02  # share of such a crop that a thing has at least
+_BEYOND = 1.1  # side of the crop around a person / longer side of the picture, at most
 MEAN_BGR = (103.53, 116.28, 123.675)  # the backbone's normalisation
 STD_BGR = (57.375, 57.12, 58.395)
 _FILL = (124, 116, 103)  # RGB outside the picture: the mean, which normalises to about zero
@@ -44,22 +48,17 @@ def crop_matrix(
     return matrix
 
 
-def used_crop_matrix(
-    person: Sequence[float],
-    shape: tuple[int, int],
-    side: int = SIDE,
-    margin: float = USED_MARGIN,
-    **changes,
-) -> np.ndarray:
-    """The same around a person, where the thing in use is looked for; hardly beyond the picture.
+def used_window(
+    person: Sequence[float], shape: tuple[int, int], margin: float = USED_MARGIN
+) -> Box:
+    """The square around a person where the thing in use is looked for; hardly beyond the picture.
 
     Args:
         person: x0, y0, x1, y1 in pixels.
         shape: height and width of the picture.
-        changes: `angle`, `mirrored` and `shift` as above.
     """
-    longer = max(person[2] - person[0], person[3] - person[1], 1.0)
-    return crop_matrix(person, side, min(margin, _BEYOND * max(shape) / longer), **changes)
+    side = max(longer_side(person), 1.0)
+    return square(middle(person), min(margin * side, _BEYOND * max(shape)))
 
 
 def cropped(

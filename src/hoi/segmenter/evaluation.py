@@ -2,9 +2,11 @@
 
 The main object of every validation picture is segmented from the box that the detector finds for
 it (of any class: choosing the class is another part's work). Pictures in which it finds none are
-counted, and their masks are made from the true box in rows of their own. ``segmenter`` is what the
-detect stage does: the network and GrabCut, again from the mask's own box. ``in_use`` is the network
-without any box, asked what the person uses.
+counted, and their masks are made from the true box in rows of their own.
+
+``plain_grabcut`` is OpenCV's, which knows only the box, ``grabcut`` ours, which knows the person.
+``segmenter`` is what the detect stage does: the network and GrabCut, again from the mask's own box.
+``in_use`` is the network without any box, asked what the person uses.
 """
 
 from __future__ import annotations
@@ -16,21 +18,22 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from hoi.detect.backends import Box, PersonPose
+from hoi.detect.backends import Box, DetectedBox, PersonPose
 from hoi.detect.blazepose import BlazePose
-from hoi.detect.boxes import longer_side, mask_box, overlap, pixel_window
+from hoi.detect.boxes import mask_box, overlap
 from hoi.detect.config import DetectConfig
-from hoi.detect.grabcut import GrabCut
+from hoi.detect.grabcut import GrabCut, plain_grabcut
 from hoi.detect.labels import PERSON
 from hoi.detect.nanodet import NanoDet
 from hoi.detect.resegment import segment_again
 from hoi.detect.segmenter import Segmenter, refined
+from hoi.segmenter.crops import used_window
+from hoi.segmenter.onlookers import boxes_of_things, detected_around
 from hoi.segmenter.pictures import Picture, load_picture
 from hoi.segmenter.runtime import MaskNetwork
 
 log = logging.getLogger(__name__)
-_SURROUNDINGS = 1.5  # side of the square around the person / longer side of its box
-METHODS = ("grabcut", "network", "network_grabcut", "segmenter", "in_use")
+METHODS = ("plain_grabcut", "grabcut", "network", "network_grabcut", "segmenter", "in_use")
 
 
 def mask_iou(first: np.ndarray, second: np.ndarray) -> float:
@@ -69,18 +72,19 @@ class Evaluator:
         Args:
             image: (H, W, 3) uint8 RGB; truth, person: (H, W) bool masks, `person` possibly empty.
         """
-        seen = self._detect(image, mask_box(person) if person.any() else None)
+        around = mask_box(person) if person.any() else None
+        seen = detected_around(self._boxes, image, around)
         pose = self._person(image, person, seen)
         true = mask_box(truth)
-        found = [item for item in seen if item[0] != PERSON]
-        best = max(found, key=lambda item: overlap(item[2], true), default=None)
-        detected = best is not None and overlap(best[2], true) >= self.minimum_overlap
-        box = best[2] if detected and best is not None else true
+        best = max(boxes_of_things(seen), key=lambda box: overlap(box, true), default=true)
+        detected = best is not true and overlap(best, true) >= self.minimum_overlap
+        box = best if detected else true
         row = {"box": "detected" if detected else "true"}
         row |= {name: mask_iou(mask, truth) for name, mask in self._masks(image, box, pose).items()}
         row["in_use"] = np.nan
         if pose.score > 0:
-            used = self._network.in_use(image, mask_box(person), pose.probability)
+            window = used_window(mask_box(person), image.shape[:2])
+            used = self._network.in_use(image, window, pose.probability)
             row["in_use"] = mask_iou(used > self.config.segmenter.threshold, truth)
         return row
 
@@ -88,32 +92,19 @@ class Evaluator:
         settings = self.config.segmenter
         probability = self._stage.probability(image, box, pose)
         return {
+            "plain_grabcut": plain_grabcut(image, box, pose, 0)[0],
             "grabcut": self._colours(image, box, pose, 0)[0],
             "network": probability > settings.threshold,
             "network_grabcut": refined(image, box, probability, settings, 0),
             "segmenter": segment_again(self._stage, image, box, pose, 0, self.config.resegment)[0],
         }
 
-    def _detect(self, image: np.ndarray, person: Box | None) -> list[tuple[str, float, Box]]:
-        """Label, score and box of everything in the picture and in the person's surroundings."""
-        seen = [(item.label, item.score, item.box) for item in self._boxes(image)]
-        if person is not None:
-            x, y = (person[0] + person[2]) / 2, (person[1] + person[3]) / 2
-            half = _SURROUNDINGS * longer_side(person) / 2
-            rows, columns = pixel_window((x - half, y - half, x + half, y + half), *image.shape[:2])
-            left, top = columns.start, rows.start
-            for item in self._boxes(np.ascontiguousarray(image[rows, columns])):
-                x0, y0, x1, y1 = item.box
-                box = (x0 + left, y0 + top, x1 + left, y1 + top)
-                seen.append((item.label, item.score, box))
-        return seen
-
-    def _person(self, image: np.ndarray, person: np.ndarray, seen: list) -> PersonPose:
+    def _person(self, image: np.ndarray, person: np.ndarray, seen: list[DetectedBox]) -> PersonPose:
         shape = image.shape[:2]
         if not person.any():
             return _nobody(shape)
         true = mask_box(person)
-        people = [item[2] for item in seen if item[0] == PERSON]
+        people = [item.box for item in seen if item.label == PERSON]
         best = max(people, key=lambda box: overlap(box, true), default=true)
         box = best if overlap(best, true) >= self.minimum_overlap else true
         side = float(max(shape))

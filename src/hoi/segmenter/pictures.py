@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -15,9 +15,12 @@ from hoi.body import DEFAULT_BODY
 from hoi.datasets.behave_mini.config import RenderConfig
 from hoi.datasets.behave_mini.render import RayScene, render
 from hoi.datasets.behave_mini.seeding import generator
+from hoi.detect.backends import Box
+from hoi.detect.boxes import mask_box
 from hoi.errors import HoiError
 from hoi.segmenter.config import SceneConfig
 from hoi.segmenter.meshes import MeshStore
+from hoi.segmenter.onlookers import Onlooker, fitting_boxes, registry_onlooker
 from hoi.segmenter.photos import photographed
 from hoi.segmenter.scenes import Composer, Instance
 
@@ -27,9 +30,6 @@ PERSON_SIDE = 256  # pixels of the stored person mask
 _ATTEMPTS = 20
 _MIN_PIXELS = 250  # of the main object, in a picture of 512 pixels
 _FAST = RenderConfig(shadow_rays=1, bounce_rays=2, blur_px=2.4)
-
-#: RGB picture and person box -> (H, W) probability of the person, or None where it sees nobody
-PersonMask = Callable[[np.ndarray, tuple[float, ...]], np.ndarray | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class Picture:
 
 
 def draw_picture(
-    composer: Composer, config: SceneConfig, seed: int, name: str, person_mask: PersonMask
+    composer: Composer, config: SceneConfig, seed: int, name: str, look: Onlooker
 ) -> Picture:
     """The picture called `name`; it depends on the seed and its own name alone.
 
@@ -74,20 +74,24 @@ def draw_picture(
         if composer.held_out:  # training does this to every crop anew
             image = photographed(rng, image)
         kept = [item for item in staged.instances if (owner == item.number).any()]
-        person = np.zeros((PERSON_SIDE, PERSON_SIDE), np.uint8)
         number = next((item.number for item in kept if item.kind == "person"), 0)
-        if number and (owner == number).sum() > 900 * (config.side / 512) ** 2:
-            person = _seen_person(rng, image, owner == number, person_mask)
-        return Picture(image, owner.astype(np.uint8), person, kept)
+        large = number and (owner == number).sum() > 900 * (config.side / 512) ** 2
+        seen = look(image, _loose_box(rng, owner == number) if large else None)
+        drawn = fitting_boxes(seen.boxes, [mask_box(owner == item.number) for item in kept])
+        kept = [replace(item, detected=own) for item, own in zip(kept, drawn, strict=True)]
+        return Picture(image, owner.astype(np.uint8), _stored_person(seen.person), kept)
     raise HoiError(f"picture {name}: none of {_ATTEMPTS} scenes shows its main object")
 
 
-def _seen_person(rng, image: np.ndarray, mask: np.ndarray, person_mask: PersonMask) -> np.ndarray:
-    """The pose model's mask from a box as loose as a detector's."""
-    columns, rows = np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))
-    box = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1], float)
+def _loose_box(rng: np.random.Generator, mask: np.ndarray) -> Box:
+    """A box as loose as a detector's."""
+    box = np.array(mask_box(mask))
     box += np.tile(box[2:] - box[:2], 2) * rng.normal(0, 0.05, 4)
-    probability = person_mask(image, tuple(box.tolist()))
+    x0, y0, x1, y1 = box.tolist()
+    return x0, y0, x1, y1
+
+
+def _stored_person(probability: np.ndarray | None) -> np.ndarray:
     if probability is None:
         return np.zeros((PERSON_SIDE, PERSON_SIDE), np.uint8)
     small = cv2.resize(probability, (PERSON_SIDE, PERSON_SIDE), interpolation=cv2.INTER_AREA)
@@ -132,11 +136,11 @@ def render_pictures(
 
     Args:
         meshes: folder written by :func:`hoi.segmenter.meshes.build_store`.
-        models_dir: folder with the pose model's files.
+        models_dir: folder with the models' files.
     """
     files = [folder / f"{name}.npz" for name in names]
     composers: dict[bool, Composer] = {}
-    look = pose_model(models_dir)
+    look = registry_onlooker(models_dir)
     for file in files:
         if file.is_file():
             continue
@@ -150,22 +154,6 @@ def render_pictures(
     return files
 
 
-def pose_model(models_dir: Path) -> PersonMask:
-    """BlazePose as it will be used on photos, in its quicker size."""
-    from hoi.detect.blazepose import BlazePose
-    from hoi.detect.config import BlazePoseConfig
-
-    model = BlazePose(BlazePoseConfig(complexity="full", passes=1), models_dir)
-
-    def look(image: np.ndarray, box: tuple[float, ...]) -> np.ndarray | None:
-        side = float(image.shape[0])
-        intrinsics = np.array([[side, 0, side / 2], [0, side, side / 2], [0, 0, 1.0]])
-        found = model(image, (box[0], box[1], box[2], box[3]), intrinsics)
-        return None if found is None else found.probability
-
-    return look
-
-
 def load_picture(path: Path) -> Picture:
     """Read a picture back."""
     with np.load(path, allow_pickle=False) as file:
@@ -173,6 +161,7 @@ def load_picture(path: Path) -> Picture:
         owner = np.asarray(cv2.imdecode(file["owner"], cv2.IMREAD_UNCHANGED))
         person = np.asarray(cv2.imdecode(file["person"], cv2.IMREAD_UNCHANGED))
         rows = json.loads(file["instances"].tobytes())
-    return Picture(
-        np.ascontiguousarray(image[..., ::-1]), owner, person, [Instance(**row) for row in rows]
-    )
+    for row in rows:
+        row["detected"] = tuple(tuple(box) for box in row.get("detected", ()))
+    instances = [Instance(**row) for row in rows]
+    return Picture(np.ascontiguousarray(image[..., ::-1]), owner, person, instances)

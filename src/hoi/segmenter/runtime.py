@@ -19,7 +19,6 @@ from hoi.segmenter.crops import (
     network_inputs,
     pasted,
     picture_crop,
-    used_crop_matrix,
 )
 from hoi.segmenter.files import load_model
 
@@ -60,7 +59,7 @@ class MaskNetwork:
     def in_use(
         self,
         image: np.ndarray,
-        person_box: Sequence[float],
+        window: Sequence[float],
         person: np.ndarray,
         extent: float | None = None,
     ) -> np.ndarray:
@@ -70,10 +69,11 @@ class MaskNetwork:
 
         Args:
             image: (H, W, 3) uint8 RGB.
-            person_box: x0, y0, x1, y1 in pixels; person: (H, W) probability of being that person.
+            window: the square to look at, see :func:`hoi.segmenter.crops.used_window`.
+            person: (H, W) probability of being that person.
             extent: about how many pixels long such a thing looks there; None when unknown.
         """
-        matrix = used_crop_matrix(person_box, image.shape[:2])
+        matrix = crop_matrix(window, margin=1.0)
         return self._answer(image, matrix, extent_crop(extent, matrix), person)
 
     def _answer(

@@ -19,7 +19,7 @@ import numpy as np
 
 from hoi.datasets.behave_mini.seeding import generator
 from hoi.detect.backends import Box
-from hoi.detect.boxes import gap, longer_side, mask_box
+from hoi.detect.boxes import longer_side, mask_box, middle, square
 from hoi.errors import AssetError
 from hoi.segmenter.crops import (
     box_crop,
@@ -28,41 +28,43 @@ from hoi.segmenter.crops import (
     extent_crop,
     network_inputs,
     picture_crop,
-    used_crop_matrix,
+    used_window,
 )
 from hoi.segmenter.photos import free_photos, photographed
 from hoi.segmenter.pictures import Picture, load_picture
 
 _CLUTTER_WEIGHT = 0.3  # of a thing that nobody uses, against the main object's 1
-_USED_WITHIN = 0.25  # gap between the boxes / longer side of the person's, for a thing in use
+_DETECTED = 0.4  # of the boxes shown, those of a detector, where it drew one
+_USED_WITHIN = 0.03  # gap / longer side of the person's box, for a thing in use
 _USED_MARGINS = (1.3, 2.0)  # side of the crop / longer side of the person's box
-_UNTOLD = 0.25  # of these crops, those that say nothing of the thing's size
+_HELD = 0.4  # longer side / that of the person's box, up to which a thing is looked at closely
+_AT_HANDS = 0.6  # of the crops of such things, those of the hands' surroundings
+_HANDS_SHARES = (0.4, 0.8)  # side of these / longer side of the person's box
+_UNTOLD = 0.25  # of the others, those that say nothing of the thing's size
 _EXTENT_SD = 0.35  # of the logarithm of the size that the others tell
 _ALWAYS = 0.85  # of the draws for the person's prompt, those that give one
 
 
 @dataclass(frozen=True)
 class Sample:
-    """One thing in one picture and its tight box."""
+    """One thing in one picture, its tight box, and boxes that a detector drew around it."""
 
     picture: int
     number: int
     box: Box
+    detected: tuple[Box, ...]
     weight: float
     kind: str
 
 
 @dataclass(frozen=True)
 class Use:
-    """A person in a picture and the thing they use.
-
-    `box` is the person's; `extent` the longer side of the thing's, as far as it is seen.
-    """
+    """A person in a picture and the thing they use: its number, and the boxes of both as seen."""
 
     picture: int
     number: int
-    box: Box
-    extent: float
+    person: Box
+    thing: Box
 
 
 class Batch(NamedTuple):
@@ -116,7 +118,7 @@ class SampleSet:
 
     def _crop(self, rng: np.random.Generator, sample: Sample, side: int):
         picture = self.pictures[sample.picture]
-        box = _jittered(rng, sample.box)
+        box = _prompted(rng, sample)
         matrix = crop_matrix(box, side, rng.uniform(1.3, 1.8), **_moves(rng, box, 0.03))
         target = _target(picture, sample.number, matrix, side)
         person = _person_prompt(rng, picture, matrix, target, side, rng.random())
@@ -124,17 +126,32 @@ class SampleSet:
         return _shown(rng, picture, matrix, side), prompt, person, target
 
     def _used_crop(self, rng: np.random.Generator, use: Use, side: int):
-        """The person's surroundings; no box, and a person's mask, as that says whose thing."""
+        """The person's surroundings, or what is around their hands where they hold something.
+
+        No box, and a person's mask, as that says whose thing.
+        """
         picture = self.pictures[use.picture]
-        box, shape = _jittered(rng, use.box), picture.owner.shape
-        margin = rng.uniform(*_USED_MARGINS)
-        matrix = used_crop_matrix(box, shape, side, margin, **_moves(rng, box, 0.06))
+        reach, extent = longer_side(use.person), longer_side(use.thing)
+        if extent < _HELD * reach and rng.random() < _AT_HANDS:
+            window = square(middle(use.thing), rng.uniform(*_HANDS_SHARES) * reach)
+            off, told = 0.15, True
+        else:
+            around = _jittered(rng, use.person)
+            window = used_window(around, picture.owner.shape, rng.uniform(*_USED_MARGINS))
+            off, told = 0.04, rng.random() >= _UNTOLD
+        matrix = crop_matrix(window, side, 1.0, **_moves(rng, window, off))
         target = _target(picture, use.number, matrix, side)
         person = _person_prompt(rng, picture, matrix, target, side, rng.random() * _ALWAYS)
-        told = rng.random() >= _UNTOLD
-        extent = use.extent * np.exp(rng.normal(0, _EXTENT_SD)) if told else None
-        prompt = extent_crop(extent, matrix, side)
+        about = extent * np.exp(rng.normal(0, _EXTENT_SD)) if told else None
+        prompt = extent_crop(about, matrix, side)
         return _shown(rng, picture, matrix, side), prompt, person, target
+
+
+def _prompted(rng: np.random.Generator, sample: Sample) -> Box:
+    """A detector's own box, or one as loose as that."""
+    if sample.detected and rng.random() < _DETECTED:
+        return sample.detected[int(rng.integers(len(sample.detected)))]
+    return _jittered(rng, sample.box)
 
 
 def _jittered(rng: np.random.Generator, box: Box) -> Box:
@@ -179,31 +196,29 @@ def _samples_of(index: int, picture: Picture) -> list[Sample]:
         pixels = int(mask.sum())
         if item.kind in ("person", "bystander") or pixels < 180 * scale:
             continue
-        columns, rows = np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))
-        box = (columns[0], rows[0], columns[-1] + 1, rows[-1] + 1)
+        box = mask_box(mask)
         across, down = box[2] - box[0], box[3] - box[1]
         thin = pixels < 0.035 * across * down
         everywhere = across > 0.98 * width and down > 0.9 * height
         if max(across, down) < 18 * width / 512 or thin or everywhere:
             continue
         weight = 1.0 if item.kind == "main" else _CLUTTER_WEIGHT
-        edges = (float(box[0]), float(box[1]), float(box[2]), float(box[3]))
-        found.append(Sample(index, item.number, edges, weight, item.kind))
+        found.append(Sample(index, item.number, box, item.detected, weight, item.kind))
     return found
 
 
 def _uses(pictures: list[Picture], samples: list[Sample]) -> list[Use]:
-    """The people with a main object at their hands, feet or body."""
+    """The people who touch a main object, or nearly do."""
     found = []
     for sample in samples:
-        owner = pictures[sample.picture].owner
-        mask = owner == pictures[sample.picture].number_of("person")
-        if sample.kind != "main" or not pictures[sample.picture].person.any() or not mask.any():
+        picture = pictures[sample.picture]
+        mask = picture.owner == picture.number_of("person")
+        if sample.kind != "main" or not picture.person.any() or not mask.any():
             continue
         person = mask_box(mask)
-        if gap(person, sample.box) < _USED_WITHIN * longer_side(person):
-            extent = longer_side(sample.box)
-            found.append(Use(sample.picture, sample.number, person, extent))
+        away = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3)
+        if away[picture.owner == sample.number].min() < _USED_WITHIN * longer_side(person):
+            found.append(Use(sample.picture, sample.number, person, sample.box))
     return found
 
 

@@ -21,6 +21,7 @@ from hoi.datasets.behave_mini.materials import Material, Scene
 from hoi.datasets.behave_mini.person import Person, Pose
 from hoi.datasets.behave_mini.room import build_room
 from hoi.datasets.behave_mini.wardrobe import Wardrobe, dress
+from hoi.detect.backends import Box
 from hoi.exemplars.procedural import generate
 from hoi.segmenter.config import SceneConfig
 from hoi.segmenter.meshes import MeshEntry, MeshStore
@@ -49,11 +50,16 @@ _HELD_OUT_SEEDS = 100_000  # generated objects of validation are drawn from here
 
 @dataclass(frozen=True)
 class Instance:
-    """One thing in the picture; `number` is its value in the map of instances (0: none)."""
+    """One thing in the picture.
+
+    `number` is its value in the map of instances (0: none), `kind` one of main, person, clutter and
+    bystander; `detected` are boxes that a detector drew around it, whatever it took it for.
+    """
 
     number: int
-    kind: str  # main, person, clutter or bystander
+    kind: str
     name: str
+    detected: tuple[Box, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
