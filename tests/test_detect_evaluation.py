@@ -7,13 +7,15 @@ import cv2
 import numpy as np
 import pytest
 
-from hoi.artifacts import Detection
+from hoi.artifacts import Candidate, Detection
 from hoi.body.keypoints import KEYPOINT
 from hoi.cli import main
 from hoi.datasets.labelled import read_labelled
 from hoi.detect.agreement import detection_table, mask_iou
 from hoi.detect.boxes import grown, mask_box
+from hoi.detect.choice import CHOSEN
 from hoi.detect.grabcut import plain_grabcut
+from hoi.detect.labels import PERSON
 from hoi.detect.mask_methods import FOUND, TRUE, compare_masks, mask_methods, mask_rows, mask_table
 from hoi.detect.oks import SIGMAS, keypoint_similarity
 from hoi.errors import ConfigError
@@ -66,7 +68,12 @@ def test_ways_to_cut_out_are_compared_from_the_found_and_from_the_true_box():
     wrong = Detection(
         frame_id="f",
         person_box=np.array(PERSON_BOX),
-        object_box=np.array([200.0, 150, 230, 190]),
+        object_box=np.array(mask_box(truth)),
+        candidates=[
+            Candidate(label=PERSON, score=0.9, box=PERSON_BOX, verdict=CHOSEN),
+            Candidate(label="chair", score=0.9, box=mask_box(truth), verdict="other_object"),
+            Candidate(label="chair", score=0.5, box=(200, 150, 230, 190), verdict=CHOSEN),
+        ],
         person_mask=pose.probability > 0,
         object_mask=truth,
         keypoints=pose.keypoints,

@@ -11,8 +11,10 @@ from hoi.artifacts import Detection, Frame
 from hoi.detect.agreement import ALL, mask_iou
 from hoi.detect.backends import Box, ObjectSegmenter, PersonPose
 from hoi.detect.boxes import mask_box, pixel_window
+from hoi.detect.choice import CHOSEN
 from hoi.detect.config import DetectConfig
 from hoi.detect.grabcut import plain_grabcut
+from hoi.detect.labels import PERSON
 
 #: Where the box comes from: the detectors chose it, or it is the labelled mask's own.
 FOUND, TRUE = "found box", "true box"
@@ -60,9 +62,9 @@ def compare_masks(
     truth, image = frame.given_object_mask, frame.image
     assert truth is not None and image is not None
     boxes: dict[str, Box] = {TRUE: mask_box(truth)}
-    if found.object_box is not None:
-        x0, y0, x1, y1 = (float(side) for side in found.object_box)
-        boxes[FOUND] = (x0, y0, x1, y1)
+    chosen = _chosen_box(found)
+    if chosen is not None:
+        boxes[FOUND] = chosen
     masks = [
         (kind, name, segment(image, box, pose, seed)[0])
         for kind, box in boxes.items()
@@ -80,6 +82,15 @@ def compare_masks(
         }
         for kind, name, mask in masks
     ]
+
+
+def _chosen_box(found: Detection) -> Box | None:
+    """The box that the detectors drew; ``object_box`` has become that of the mask."""
+    for item in found.candidates:
+        if item.verdict == CHOSEN and item.label != PERSON:
+            x0, y0, x1, y1 = (float(side) for side in item.box)
+            return x0, y0, x1, y1
+    return None
 
 
 def mask_rows(rows: Iterable[dict[str, object]]) -> pd.DataFrame:
