@@ -334,7 +334,7 @@ class DetectConfig(Settings):
     )
 
     unused_weight: float = Field(
-        default=0.25,
+        default=0.4,
         ge=0,
         le=1,
         description="Factor on the rating of a place that shows nothing of what the network takes "
