@@ -155,6 +155,25 @@ def test_one_command_makes_the_table_with_every_stage(finished):
             assert list((finished.folder / "results/behave" / stage).rglob(f"{sequence}*.npz"))
 
 
+@pytest.mark.models
+@pytest.mark.skipif(
+    not (REPO / "resources/models/all.ready").is_file(), reason="the detectors are not here"
+)
+def test_detectors_are_measured_on_the_frames_and_every_way_to_cut_out_is(done):
+    shutil.copytree(REPO / "resources/models", done.folder / "resources/models", dirs_exist_ok=True)
+    counts = jobs(done.run(target="results/detection.csv results/masks.csv"))
+    assert counts["detect_registry"] == counts["masks"] == 2
+    rates = pd.read_csv(done.folder / "results/detection.csv").set_index("category")
+    assert rates.loc["all", "n"] == 2
+    masks = pd.read_csv(done.folder / "results/masks.csv").set_index(["category", "box"])
+    assert masks.loc[("all", "true box"), "n"] == 2
+    methods = {"plain_grabcut", "grabcut", "network", "network_grabcut", "stage"}
+    assert methods <= set(masks.columns)
+    assert masks.loc[("all", "true box"), "network"] > 0.5
+    assert "object masks" in (done.folder / "results/masks.html").read_text()
+    assert done.planned(target="results/detection.csv results/masks.csv") == {}
+
+
 def test_a_second_run_has_nothing_to_do(done):
     assert done.planned() == {}
 

@@ -9,6 +9,10 @@ class ConfigError(HoiError):
     """A configuration value is missing, unknown or out of range; the message names the key."""
 
 
+class NoFramesError(ConfigError):
+    """A data set has no frames of what is asked for."""
+
+
 class AssetError(HoiError):
     """A file the run needs (body model, detector weights, mesh) is absent or damaged."""
 

@@ -13,7 +13,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 from hoi.config import POSE_DATABASE, read_config
 from hoi.datasets.photos_config import AUTO
 from hoi.digest import code_digest, environment_digest
-from hoi.errors import HoiError
+from hoi.errors import HoiError, NoFramesError
 from hoi.exemplars.categories import doubtful_categories, known_categories
 from hoi.exemplars.shape_index import folder_state
 from hoi.manifest import INTERACTIONS, PHOTOS, chunk_settings, frame_labels, plan
@@ -50,8 +50,23 @@ def chunks_of(group):
         try:
             _PLANS[group] = plan(CONFIG, group)
         except HoiError as error:
-            raise WorkflowError(f"The frames of {group} cannot be listed.\n{error}")
+            raise WorkflowError(f"The frames of {group} cannot be listed.\n{error}") from error
     return _PLANS[group]
+
+
+def groups_here():
+    """The groups that the data set has frames of, planned in turn; an error where it has none."""
+    nothing_yet = True
+    for group in GROUPS:
+        try:
+            chunks_of(group)
+        except WorkflowError as error:
+            last = nothing_yet and group == GROUPS[-1]
+            if last or not isinstance(error.__cause__, NoFramesError):
+                raise
+        else:
+            nothing_yet = False
+            yield group
 
 
 def chunk_named(name):

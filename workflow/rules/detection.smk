@@ -18,8 +18,10 @@ use rule detect as detect_registry with:
 
 rule table_detection:
     input:
-        frames=lambda _: [path for group in GROUPS for path in indexes(group, "frames")],
-        detections=lambda _: [p for group in GROUPS for p in indexes(group, "detect_registry")],
+        frames=lambda _: [path for group in groups_here() for path in indexes(group, "frames")],
+        detections=lambda _: [
+            path for group in groups_here() for path in indexes(group, "detect_registry")
+        ],
     output:
         csv=report(
             "results/detection.csv",
@@ -66,7 +68,9 @@ rule masks:
 rule table_masks:
     input:
         lambda _: [
-            path.replace(".json", ".csv") for group in GROUPS for path in indexes(group, "masks")
+            path.replace(".json", ".csv")
+            for group in groups_here()
+            for path in indexes(group, "masks")
         ],
     output:
         csv=report(

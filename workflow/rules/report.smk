@@ -34,7 +34,7 @@ def methods_of(dataset, group):
 
 def frame_chunk(dataset, frame):
     """The chunk that holds a frame. Groups are planned in turn, so only what is asked is read."""
-    for group in [PHOTOS] if dataset == PHOTOS else GROUPS:
+    for group in [PHOTOS] if dataset == PHOTOS else groups_here():
         for chunk in chunks_of(group):
             if frame in chunk.frame_ids:
                 return chunk

@@ -39,7 +39,7 @@ from hoi.datasets.behave_truth import (
     read_ground_truth,
 )
 from hoi.datasets.pictures import read_image, read_mask
-from hoi.errors import ConfigError, FrameFailure
+from hoi.errors import ConfigError, FrameFailure, NoFramesError
 
 __all__ = [
     "FrameRef",
@@ -93,7 +93,7 @@ def list_frames(
         refs = with_fits(root, refs, config)
     if not refs:
         origin = config.frame_list or "split.json"
-        raise ConfigError(
+        raise NoFramesError(
             f"{root}: no frames of group {category_group!r} in split {split!r}; "
             f"{len(wanted)} sequences are listed in {origin}, none of them is in "
             f"{Path(root) / 'sequences'} with fits"
