@@ -93,6 +93,12 @@ def test_ways_to_cut_out_are_compared_from_the_found_and_from_the_true_box():
     assert "toys: object masks" in text and "chair, true box" in text
 
 
+def test_no_masks_make_an_empty_table():
+    table = mask_table(mask_rows([]))
+    assert list(table.columns) == ["category", "box", "n"] and table.empty
+    assert "toys: object masks" in as_text(masks_layout(table, "toys"), width=200)
+
+
 def test_plain_grabcut_knows_the_box_alone():
     image, truth, pose = picture()
     box = grown(mask_box(truth), 6)

@@ -84,7 +84,9 @@ def masks_layout(table: pd.DataFrame, dataset: str) -> LaidOutTable:
     caption = (
         "IoU of the object's mask with the labelled one, by the way it is cut out of its box: the "
         "box that the detectors chose, whether it is the right one or not, and the labelled "
-        "mask's own. A box that was not found is left out."
+        "mask's own. A box that was not found is left out. Plain GrabCut knows the box alone, "
+        "GrabCut the person as well; the stage is what the pipeline keeps: network and GrabCut, "
+        "again from the mask's own box."
     )
     return LaidOutTable(f"{dataset}: object masks", caption, "Category, box", groups, rows, first)
 
