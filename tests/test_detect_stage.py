@@ -11,7 +11,7 @@ from hoi.artifacts import Detection, Frame, Hints
 from hoi.body.keypoints import KEYPOINT
 from hoi.detect import DetectConfig
 from hoi.detect.backends import DetectedBox, PersonPose
-from hoi.detect.boxes import gap, grown, mask_box, overlap, pixel_window
+from hoi.detect.boxes import gap, grown, mask_box, overlap, overlaps, pixel_window
 from hoi.detect.config import (
     EvidenceConfig,
     GrabCutConfig,
@@ -472,6 +472,15 @@ def test_what_the_person_uses_decides_between_places_as_near():
     assert known.shortest_m < extent * 0.017 < known.longest_m  # 100 pixels stand for 1.7 m
     assert chosen((0, 0, 0, 0), unused_weight=0.1)[0] == left  # it sees nothing: no advice
     assert chosen((92, 60, 118, 100), unused_weight=1.0)[0] == left
+
+
+def test_overlaps_of_many_boxes_are_those_of_pairs():
+    rng = np.random.default_rng(0)
+    first, second = (np.sort(rng.uniform(0, 9, (n, 2, 2)), axis=1).reshape(n, 4) for n in (5, 7))
+    first[0] = 0  # an empty box
+    pairs = [[overlap(one, other) for other in second] for one in first]
+    np.testing.assert_allclose(overlaps(first, second), pairs)
+    assert overlaps(first[:1], first[:1]) == 0
 
 
 def test_what_is_small_and_touched_by_hand_alone_is_held():
