@@ -15,7 +15,8 @@ config = DetectConfig(**identity["settings"])
 frames = read_artifacts(Frame, snakemake.input.frames)
 detections = read_artifacts(Detection, snakemake.input.detections)
 with logged(snakemake):
-    stage, methods = DetectStage(config, Path("resources/models")), mask_methods(config)
+    poses_alone = config.model_copy(update={"masks": "given"})  # the boxes are found already
+    stage, methods = DetectStage(poses_alone, Path("resources/models")), mask_methods(config)
     rows = []
     for frame, found in zip(frames, detections, strict=True):
         pose = stage.pose_of(frame, found) if frame.given_object_mask is not None else None

@@ -34,6 +34,11 @@ def square(centre: Sequence[float] | np.ndarray, side: float) -> Box:
     return x - half, y - half, x + half, y + half
 
 
+def shifted(box: Sequence[float], x: float, y: float) -> Box:
+    """The box moved by x, y."""
+    return box[0] + x, box[1] + y, box[2] + x, box[3] + y
+
+
 def shared_area(first: Sequence[float], second: Sequence[float]) -> float:
     low = max(first[0], second[0]), max(first[1], second[1])
     high = min(first[2], second[2]), min(first[3], second[3])
@@ -81,7 +86,6 @@ def pixel_window(box: Sequence[float], height: int, width: int) -> tuple[slice, 
     return slice(int(y0), int(np.ceil(y1))), slice(int(x0), int(np.ceil(x1)))
 
 
-def share_inside(weights: np.ndarray, box: Sequence[float]) -> float:
-    """How much of an image of weights (H, W), none negative, lies in the box; 0 of nothing."""
-    total = float(weights.sum())
-    return float(weights[pixel_window(box, *weights.shape)].sum()) / total if total > 0 else 0.0
+def weight_inside(weights: np.ndarray, box: Sequence[float]) -> float:
+    """How much of an image of weights (H, W) lies in the box."""
+    return float(weights[pixel_window(box, *weights.shape)].sum())

@@ -23,12 +23,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from hoi.artifacts import Candidate, Hints
 from hoi.detect.backends import Box, DetectedBox, PersonPose
-from hoi.detect.boxes import area, gap, longer_side, overlap, share_inside, shared_area
+from hoi.detect.boxes import area, gap, longer_side, overlap, shared_area, weight_inside
 from hoi.detect.config import DetectConfig
 from hoi.detect.evidence import Proposal
 from hoi.detect.labels import ANY_CATEGORY
@@ -55,6 +56,16 @@ class Scene:
     proposals: tuple[Proposal, ...]
     #: (H, W) of each pixel to be what this person uses; None when nobody was asked
     in_use: np.ndarray | None = None
+
+    @cached_property
+    def _used(self) -> float:
+        return 0.0 if self.in_use is None else float(self.in_use.sum())
+
+    def share_in_use(self, box: Box) -> float:
+        """How much of what this person uses lies in the box; 0 of nothing."""
+        if self.in_use is None or self._used <= 0:
+            return 0.0
+        return weight_inside(self.in_use, box) / self._used
 
 
 @dataclass(frozen=True)
@@ -263,7 +274,7 @@ def _rate(
             extent = longer_side(box) / touch.pixels_per_metre
             why = f"{why} x size {size:.2f} ({extent:.2f} m)"
     if scene.in_use is not None:
-        share = share_inside(scene.in_use, box)
+        share = scene.share_in_use(box)
         use = config.unused_weight + (1 - config.unused_weight) * share
         why = f"{why} x use {use:.2f} (of what the person uses, {share:.0%} lies there)"
     value = place.evidence * contact * size * use

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from hoi.detect.backends import (
     PoseEstimator,
     ThingInUse,
 )
-from hoi.detect.boxes import longer_side, middle, pixel_window, square
+from hoi.detect.boxes import longer_side, middle, pixel_window, shifted, square
 from hoi.detect.choice import NO_HINTS, Choice, Scene, choose, holds, plainest, screen_people
 from hoi.detect.config import DetectConfig
 from hoi.detect.evidence import Look, Proposal, propose
@@ -132,17 +133,7 @@ class PairFinder:
         looks = []
         for name, detector in self._detectors.items():
             boxes = tuple(
-                DetectedBox(
-                    item.label,
-                    item.score,
-                    (
-                        item.box[0] + left,
-                        item.box[1] + top,
-                        item.box[2] + left,
-                        item.box[3] + top,
-                    ),
-                    f"{name}, {where}",
-                )
+                replace(item, box=shifted(item.box, left, top), source=f"{name}, {where}")
                 for item in detector(image)
             )
             looks.append(Look(f"{name}, {where}", boxes, window))

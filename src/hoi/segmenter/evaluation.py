@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from hoi.detect.agreement import mask_iou
 from hoi.detect.backends import Box, DetectedBox, PersonPose
 from hoi.detect.blazepose import BlazePose
 from hoi.detect.boxes import mask_box, overlap
@@ -34,11 +35,6 @@ from hoi.segmenter.runtime import MaskNetwork
 
 log = logging.getLogger(__name__)
 METHODS = ("plain_grabcut", "grabcut", "network", "network_grabcut", "segmenter", "in_use")
-
-
-def mask_iou(first: np.ndarray, second: np.ndarray) -> float:
-    """Intersection over union of two (H, W) bool masks."""
-    return float((first & second).sum() / max((first | second).sum(), 1))
 
 
 class Evaluator:
@@ -76,10 +72,10 @@ class Evaluator:
         seen = detected_around(self._boxes, image, around)
         pose = self._person(image, person, seen)
         true = mask_box(truth)
-        best = max(boxes_of_things(seen), key=lambda box: overlap(box, true), default=true)
-        detected = best is not true and overlap(best, true) >= self.minimum_overlap
-        box = best if detected else true
-        row = {"box": "detected" if detected else "true"}
+        best = max(boxes_of_things(seen), key=lambda box: overlap(box, true), default=None)
+        box, row = true, {"box": "true"}
+        if best is not None and overlap(best, true) >= self.minimum_overlap:
+            box, row = best, {"box": "detected"}
         row |= {name: mask_iou(mask, truth) for name, mask in self._masks(image, box, pose).items()}
         row["in_use"] = np.nan
         if pose.score > 0:

@@ -6,13 +6,13 @@ Training shows the network these, with their real faults.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from hoi.detect.backends import Box, BoxDetector, DetectedBox
-from hoi.detect.boxes import longer_side, middle, overlaps, pixel_window, square
+from hoi.detect.boxes import longer_side, middle, overlaps, pixel_window, shifted, square
 from hoi.detect.labels import PERSON
 
 _KEPT = 3  # of the boxes around a thing, those that fit it best
@@ -43,9 +43,7 @@ def detected_around(
     rows, columns = pixel_window(around, *image.shape[:2])
     left, top = columns.start, rows.start
     for item in detector(np.ascontiguousarray(image[rows, columns])):
-        x0, y0, x1, y1 = item.box
-        box = (x0 + left, y0 + top, x1 + left, y1 + top)
-        seen.append(DetectedBox(item.label, item.score, box, item.source))
+        seen.append(replace(item, box=shifted(item.box, left, top)))
     return seen
 
 

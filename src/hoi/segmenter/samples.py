@@ -212,8 +212,10 @@ def _uses(pictures: list[Picture], samples: list[Sample]) -> list[Use]:
     found = []
     for sample in samples:
         picture = pictures[sample.picture]
+        if sample.kind != "main" or not picture.person.any():
+            continue
         mask = picture.owner == picture.number_of("person")
-        if sample.kind != "main" or not picture.person.any() or not mask.any():
+        if not mask.any():
             continue
         person = mask_box(mask)
         away = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3)
