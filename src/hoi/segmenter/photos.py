@@ -39,7 +39,9 @@ def photographed(rng: np.random.Generator, crop: np.ndarray) -> np.ndarray:
         share = rng.uniform(0.35, 0.8)
         small = cv2.resize(x, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
         x = cv2.resize(small, size)
-    elif draw < 0.55:
+    elif draw < 0.5:
+        x = cv2.filter2D(x, -1, _smear(rng, x.shape[0]))
+    elif draw < 0.62:
         x = x + rng.uniform(0.2, 0.8) * (x - cv2.GaussianBlur(x, (0, 0), 1.5))
     if rng.random() < 0.5:
         x = x + rng.standard_normal(x.shape, dtype=np.float32) * np.float32(rng.uniform(1, 14))
@@ -48,6 +50,16 @@ def photographed(rng: np.random.Generator, crop: np.ndarray) -> np.ndarray:
         flag = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(25, 95))]
         result = np.asarray(cv2.imdecode(cv2.imencode(".jpg", result, flag)[1], cv2.IMREAD_COLOR))
     return result
+
+
+def _smear(rng: np.random.Generator, side: int) -> np.ndarray:
+    """The kernel of something that moved while the shutter was open."""
+    reach = max(round(side * rng.uniform(0.008, 0.025)), 1)
+    kernel = np.zeros((2 * reach + 1, 2 * reach + 1), np.float32)
+    angle = rng.uniform(0, np.pi)
+    along = np.round(reach * np.array([np.cos(angle), np.sin(angle)])).astype(int)
+    cv2.line(kernel, (reach - along).tolist(), (reach + along).tolist(), 1.0)
+    return kernel / kernel.sum()
 
 
 @cache

@@ -24,6 +24,7 @@ from hoi.datasets.behave_mini.wardrobe import Wardrobe, dress
 from hoi.detect.backends import Box
 from hoi.exemplars.procedural import generate
 from hoi.segmenter.config import SceneConfig
+from hoi.segmenter.gear import KINDS, SWUNG, generate_gear
 from hoi.segmenter.meshes import MeshEntry, MeshStore
 from hoi.segmenter.props import Layer, Looks, Prop, TextureBank, prop_of_exemplar, prop_of_mesh
 
@@ -34,15 +35,21 @@ _BAGS = r"bag|case|box|basket|ball|laptop|keyboard|guitar|lamp|vase|monitor|prin
 _GENERATED = {
     "seat": ("chair", "chair", "chair", "stool"),
     "stand": ("table", "table", "trashcan", "display", "suitcase"),
-    "ride": ("bicycle", "skateboard", "surfboard", "skis"),
+    "ride": (
+        "bicycle", "bicycle", "motorcycle", "motorcycle", "skateboard", "skateboard", "surfboard",
+        "skis", "board",
+    ),
+    "swing": SWUNG,
     "hold": (
         "backpack", "backpack", "suitcase", "suitcase", "keyboard", "keyboard", "ball",
         "laptop", "display", "bottle", "mug", "teddy", "skateboard", "trashcan", "chair", "stool",
-        "table", "surfboard", "box", "box", "box", "large_ball",
+        "table", "surfboard", "box", "box", "box", "large_ball", "frisbee",
     ),
 }  # fmt: skip
-_USES = ("seat", "stand", "ride", "any", "hold")
-_SHARES = (0.33, 0.17, 0.07, 0.07, 0.36)
+_USES = ("seat", "stand", "ride", "swing", "any", "hold")
+_SHARES = (0.28, 0.15, 0.15, 0.09, 0.05, 0.28)
+_IN_MOTION = ("ride", "swing")
+_OUTSIDE = 0.7  # of the pictures of those
 _SOFT_SEATS = r"sofa|couch|armchair|ottoman"  # large and of one piece: easy, and many
 _FEW = 3  # meshes of a kind; fewer would be shown again and again
 _HELD_OUT_SEEDS = 100_000  # generated objects of validation are drawn from here on
@@ -149,7 +156,8 @@ class Composer:
             scene.surfaces += shown
             owner += [number] * len(shown)
             instances.append(Instance(number, kind, prop.name))
-        if rng.random() < self.config.outdoors_share:
+        outside = _OUTSIDE if use in _IN_MOTION else self.config.outdoors_share
+        if rng.random() < outside:
             self._outdoors(rng, looks, camera, main)
         else:
             around = np.concatenate([prop.vertices[::7] for _, prop in items])
@@ -162,7 +170,7 @@ class Composer:
     # ------------------------------------------------------------------------------ objects
 
     def _main(self, rng: np.random.Generator, looks: Looks, use: str) -> Prop:
-        if use in _GENERATED and rng.random() < self.config.generated_share:
+        if use == "swing" or (use in _GENERATED and rng.random() < self.config.generated_share):
             return self._generated(rng, looks, str(rng.choice(_GENERATED[use])))
         patterns = {"seat": _SEATS, "ride": _RIDES}
         if use == "seat" and rng.random() < 0.6:
@@ -190,7 +198,10 @@ class Composer:
             return self._carton(rng, looks)
         number = int(rng.integers(_HELD_OUT_SEEDS)) + self.held_out * _HELD_OUT_SEEDS
         large = category == "large_ball"
-        exemplar = generate("ball" if large else category, number)
+        if category in KINDS:
+            exemplar = generate_gear(category, number)
+        else:
+            exemplar = generate("ball" if large else category, number)
         prop = prop_of_exemplar(rng, looks, exemplar)
         stretch = rng.uniform(0.85, 1.15, 3)
         if "ball" in category:
@@ -266,15 +277,22 @@ class Composer:
         self, rng: np.random.Generator, looks: Looks, use: str, main: Prop
     ) -> tuple[_Figure, Wardrobe | None]:
         """A person who uses the main object, which is moved to the hands where it is held."""
-        seated = use == "seat" and rng.random() < 0.55
-        facing = rng.uniform(0, 2 * np.pi)
+        mounted = use == "ride" and rng.random() < 0.85
+        astride = mounted and not _flat(main)
+        seated = rng.random() < (0.55 if use == "seat" else 0.8 if astride else 0.0)
+        facing = _heading(rng, main) if astride else rng.uniform(0, 2 * np.pi)
         scanned = self.people and rng.random() < self.config.scanned_share
         if scanned:
             figure, wardrobe = self._scanned(rng, looks, seated, facing), None
         else:
-            figure, wardrobe = self._posed(rng, looks, seated or rng.random() < 0.1, facing)
+            spread = 0.18 if use in _IN_MOTION else 0.07
+            figure, wardrobe = self._posed(rng, looks, seated or rng.random() < 0.1, facing, spread)
         figure.prop.stand()
-        if seated:
+        if mounted:
+            _mount(rng, figure, main, seated)
+        elif use == "swing":
+            _swing(rng, figure, main)
+        elif seated:
             level = _seat_level(main)
             lift = level + 0.09 - _pelvis_height(figure) if figure.body else 0.0
             if not figure.body and figure.prop.size[1] < 1.15:
@@ -283,8 +301,6 @@ class Composer:
             _centre_on(figure, main, figure_offset)
         elif use in ("hold", "any") and max(main.size) < 1.3 and rng.random() < 0.75:
             self._put_into_hands(rng, main, figure)
-        elif use == "ride" and rng.random() < 0.6:
-            _centre_on(figure, main, [0, main.size[1] * rng.uniform(0.1, 0.9), 0])
         else:
             _stand_beside(rng, figure, main)
         return figure, wardrobe
@@ -297,14 +313,16 @@ class Composer:
         prop.turn(_turn_y(facing))
         return _Figure(prop, False, [], None, np.array([np.sin(facing), 0, np.cos(facing)]))
 
-    def _posed(self, rng, looks: Looks, seated: bool, facing: float) -> tuple[_Figure, Wardrobe]:
-        """Our own body in a pose of the database, dressed."""
+    def _posed(
+        self, rng, looks: Looks, seated: bool, facing: float, spread: float
+    ) -> tuple[_Figure, Wardrobe]:
+        """Our own body, dressed, in a pose of the database but for `spread` radians a joint."""
         betas = np.clip(rng.normal(0, 0.9, self.model.num_betas), -2.2, 2.2).astype(np.float32)
         person = Person(self.model, betas)
         rotations, up = self.poses[seated]
         chosen = int(rng.integers(len(rotations)))
         pose = np.zeros((24, 3))
-        pose[1:] = rotations[chosen].reshape(23, 3) + rng.normal(0, 0.07, (23, 3))
+        pose[1:] = rotations[chosen].reshape(23, 3) + rng.normal(0, spread, (23, 3))
         upright = Rotation.align_vectors([[0, 1, 0]], [up[chosen]])[0]
         heading = Rotation.from_rotvec([0, facing, 0]) * upright
         pose[0] = heading.as_rotvec()
@@ -461,6 +479,59 @@ def _seat_level(main: Prop) -> float:
 def _pelvis_height(figure: _Figure) -> float:
     """Of a seated body above its lowest point: about where the thighs are."""
     return float(np.quantile(figure.prop.vertices[:, 1], 0.33))
+
+
+def _flat(main: Prop) -> bool:
+    """Whether one stands on it (a board) rather than sits astride (a bicycle)."""
+    return main.size[1] < 0.3 * max(main.size)
+
+
+def _heading(rng: np.random.Generator, main: Prop) -> float:
+    """The angle about y of a thing's longer axis, either way along it."""
+    spread = (main.vertices - main.middle)[:, [0, 2]]
+    axis = np.linalg.svd(spread, full_matrices=False)[2][0]
+    return float(np.arctan2(axis[0], axis[1]) + np.pi * rng.integers(2) + rng.normal(0, 0.1))
+
+
+def _mount(rng: np.random.Generator, figure: _Figure, main: Prop, seated: bool) -> None:
+    """Stand on a board, sit astride what has a saddle, or stand astride it; tilt both, at times."""
+    if _flat(main):
+        near = np.abs(main.vertices - main.middle)[:, [0, 2]].max(1) < 0.25 * max(main.size)
+        lift = main.vertices[near, 1].max() if near.any() else main.size[1]
+    else:
+        lift = 0.0
+        if seated:
+            sunk = _pelvis_height(figure) if figure.body else 0.3 * figure.prop.size[1]
+            lift = rng.uniform(0.72, 0.9) * main.size[1] - sunk
+    _centre_on(figure, main, [rng.normal(0, 0.05), lift, rng.normal(0, 0.05)])
+    if rng.random() < 0.4:
+        tilt = Rotation.from_rotvec(rng.normal(0, 0.3, 3) * [1, 0, 1]).as_matrix()
+        for prop in (main, figure.prop):
+            prop.turn(tilt)
+        low = min(main.vertices[:, 1].min(), figure.prop.vertices[:, 1].min())
+        up = rng.uniform(0, 0.6) if rng.random() < 0.4 else 0.0
+        for prop in (main, figure.prop):
+            prop.move([0, up - low, 0])
+
+
+def _swing(rng: np.random.Generator, figure: _Figure, main: Prop) -> None:
+    """Put the lower end of a thing with a handle into a hand."""
+    length = main.size[1]
+    if figure.hands:
+        hand = figure.hands[int(rng.integers(len(figure.hands)))]
+    else:
+        aside = np.cross([0, 1, 0], figure.facing) * rng.choice([-1, 1]) * rng.uniform(0.1, 0.35)
+        hand = figure.prop.middle * [1, 0, 1] + figure.facing * rng.uniform(0.1, 0.4) + aside
+        hand = hand + [0, figure.prop.size[1] * rng.uniform(0.4, 0.75), 0]
+    towards = rng.normal(0, 0.35 if "umbrella" in main.name else 1.0, 3) + [0, 0.7, 0]
+    towards = towards + 0.4 * figure.facing
+    towards /= np.linalg.norm(towards)
+    if hand[1] + length * towards[1] < 0.05:
+        towards[1] *= -1
+    grip = main.middle - [0, 0.46 * length, 0]
+    main.move(-grip)
+    main.turn(Rotation.align_vectors([towards], [[0, 1, 0]])[0].as_matrix())
+    main.move(hand)
 
 
 def _centre_on(figure: _Figure, main: Prop, offset) -> None:
