@@ -1,5 +1,6 @@
 """Measuring detectors: keypoint similarity, ways to cut out, labelled folders, the command."""
 
+import csv
 import json
 from dataclasses import replace
 
@@ -239,5 +240,11 @@ def test_the_command_prints_and_writes_the_tables(folder, tmp_path, monkeypatch,
     assert (row["object_box_right"], row["object_mask_right"]) == ("1", "1")
     assert row["object@0.6"] == "0" and row["right@ours"] == "1"
     assert (out / "masks.csv").read_text().count("true box") == 2
+    (photo,) = csv.DictReader((out / "photos.csv").open())
+    assert (photo["photo"], photo["status"], photo["right"]) == ("a.png", "ok", "True")
+    assert float(photo["box_iou"]) > 0.5
+    page = (out / "photos.html").read_text()
+    assert "1 of 1 objects are right" in page and "the labelled chair in white" in page
+    assert f"of the box {float(photo['box_iou']):.2f}" in page
     assert main(["detection", str(tmp_path / "nowhere")]) == 1
     assert "labels.csv" in capsys.readouterr().err

@@ -14,7 +14,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", type=Path, help="photos with labels.csv (docs/detection.md)")
     parser.add_argument("--config", type=Path, default=Path("config/config.yaml"))
     parser.add_argument("--models", type=Path, default=Path("resources/models"))
-    parser.add_argument("--out", type=Path, help="folder for detection.csv, masks.csv, photos.csv")
+    parser.add_argument(
+        "--out", type=Path, help="folder for detection.csv, masks.csv, photos.csv, photos.html"
+    )
     parser.add_argument("--no-masks", action="store_true", help="do not compare ways to cut out")
 
 
@@ -24,12 +26,14 @@ def run(arguments: argparse.Namespace) -> int:
 
     from hoi.artifacts import Detection, Frame
     from hoi.datasets.labelled import read_labelled
-    from hoi.detect.agreement import detection_table
+    from hoi.detect.agreement import detection_table, frame_agreement
     from hoi.detect.mask_methods import compare_masks, mask_methods, mask_rows, mask_table
     from hoi.detect.models import fetch_models
     from hoi.detect.stage import DetectStage
     from hoi.errors import FrameFailure
+    from hoi.report.config import ReportConfig
     from hoi.report.detection import detection_layout, masks_layout
+    from hoi.report.labelled import labelled_page, labelled_photo
     from hoi.report.tables import as_text
 
     config = load_config(arguments.config)
@@ -37,7 +41,9 @@ def run(arguments: argparse.Namespace) -> int:
     fetch_models(arguments.models, settings.needed_models)
     stage = DetectStage(settings, arguments.models)
     methods = {} if arguments.no_masks else mask_methods(settings)
+    drawn = ReportConfig()
     photos: list[dict[str, object]] = []
+    shown = []
     masks: list[dict[str, object]] = []
 
     def looked() -> Iterator[tuple[Frame, Detection]]:
@@ -48,15 +54,20 @@ def run(arguments: argparse.Namespace) -> int:
                 found = getattr(failure, "artifact", None) or Detection.failed(
                     frame.frame_id, failure, "detect"
                 )
+            agreement = frame_agreement(frame, found, settings)
             photos.append(
                 {
                     "photo": frame.source,
                     "category": frame.category,
                     "status": found.status,
+                    "right": agreement["box_right"] or agreement["mask_right"],
+                    **{key: agreement[key] for key in ("object_iou", "box_iou", "person_iou")},
                     "object_mask": found.object_mask_source,
                     "detail": found.detail,
                 }
             )
+            if arguments.out is not None:
+                shown.append(labelled_photo(frame, found, agreement, drawn))
             pose = stage.pose_of(frame, found) if methods else None
             if pose is not None:
                 masks.extend(compare_masks(frame, found, pose, methods, config.seed))
@@ -73,7 +84,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         arguments.out.mkdir(parents=True, exist_ok=True)
         table.to_csv(arguments.out / "detection.csv", index=False, float_format="%.3f")
-        pd.DataFrame(photos).to_csv(arguments.out / "photos.csv", index=False)
+        table_of_photos = pd.DataFrame(photos)
+        table_of_photos.to_csv(arguments.out / "photos.csv", index=False, float_format="%.3f")
+        page = labelled_page(shown, arguments.folder.name, drawn)
+        (arguments.out / "photos.html").write_text(page)
         if masks:
             by_method.to_csv(arguments.out / "masks.csv", index=False, float_format="%.3f")
         print(f"\nwritten to {arguments.out}")

@@ -39,7 +39,7 @@ def detection_table(pairs: Iterable[tuple[Frame, Detection]], config: DetectConf
         (``right@0.9``).
     """
     pairs = list(pairs)
-    rows = pd.DataFrame([_frame_row(frame, found, config) for frame, found in pairs])
+    rows = pd.DataFrame([frame_agreement(frame, found, config) for frame, found in pairs])
     tables = [_summary(name, part) for name, part in rows.groupby("category")]
     table = pd.DataFrame([*tables, _summary(ALL, rows)])
     counts = detection_counts(pairs, config)
@@ -55,8 +55,12 @@ def detection_table(pairs: Iterable[tuple[Frame, Detection]], config: DetectConf
     return table
 
 
-def _frame_row(frame: Frame, found: Detection, config: DetectConfig) -> dict[str, object]:
-    """What one frame adds; NaN where there is nothing to compare."""
+def frame_agreement(frame: Frame, found: Detection, config: DetectConfig) -> dict[str, object]:
+    """One frame of :func:`detection_table`; NaN where there is nothing to compare.
+
+    ``person`` (chosen), ``box_right`` and ``mask_right`` of the object, ``person_iou``,
+    ``object_iou``, ``box_iou``, ``oks``, ``error_px`` and ``error`` of keypoints.
+    """
     row: dict[str, object] = {
         "category": frame.category,
         "status": found.status,

@@ -87,4 +87,5 @@ class ReportConfig(Settings):
     ground_colour: Colour = "#d9d7d2"
     person_line_colour: Colour = "#3f7fd0"
     object_line_colour: Colour = "#f08a1d"
+    label_line_colour: Colour = "#ffffff"
     keypoint_colour: Colour = "#18b07a"

@@ -145,6 +145,19 @@ def close_up(frame: Frame, detection: Detection | None, config: ReportConfig) ->
     return replace(whole, image=_photo(whole.image, crop, config.image_width)[0])
 
 
+def labelled_panel(frame: Frame, detection: Detection, config: ReportConfig) -> Panel:
+    """The detection's panel with the outline of the object's labelled mask in white."""
+    panel = detection_panel(frame, detection, config)
+    if frame.image is None or frame.given_object_mask is None:
+        return panel
+    canvas = panel.image.copy()
+    whole = (0.0, 0.0, float(frame.image.shape[1]), float(frame.image.shape[0]))
+    thick = max(1, round(config.image_width / 320))
+    _outline(canvas, frame.given_object_mask, whole, (0, 0, 0), thick + 2)
+    _outline(canvas, frame.given_object_mask, whole, rgb(config.label_line_colour), thick)
+    return replace(panel, image=canvas, alt=f"{panel.alt}; the labelled {frame.category} in white")
+
+
 def body_panel(
     frame: Frame,
     detection: Detection | None,
