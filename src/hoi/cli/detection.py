@@ -11,7 +11,14 @@ from hoi.config import load_config
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Where the labelled photos are, and what to write."""
-    parser.add_argument("folder", type=Path, help="photos with labels.csv (docs/detection.md)")
+    parser.add_argument(
+        "folder", type=Path, help="photos with labels.csv, or COCO's (docs/detection.md)"
+    )
+    parser.add_argument(
+        "--coco",
+        choices=("dev", "test"),
+        help="the folder is COCO's; measure on this split of our pairs of people and objects in it",
+    )
     parser.add_argument("--config", type=Path, default=Path("config/config.yaml"))
     parser.add_argument("--models", type=Path, default=Path("resources/models"))
     parser.add_argument(
@@ -25,6 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     import pandas as pd
 
     from hoi.artifacts import Detection, Frame
+    from hoi.datasets.coco_pairs import read_coco_pairs
     from hoi.datasets.labelled import read_labelled
     from hoi.detect.agreement import detection_table, frame_agreement
     from hoi.detect.mask_methods import compare_masks, mask_methods, mask_rows, mask_table
@@ -40,6 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     settings = config.detect_photos.model_copy(update={"masks": "registry"})
     fetch_models(arguments.models, settings.needed_models)
     stage = DetectStage(settings, arguments.models)
+    name = "coco" if arguments.coco else arguments.folder.name
     methods = {} if arguments.no_masks else mask_methods(settings)
     drawn = ReportConfig()
     photos: list[dict[str, object]] = []
@@ -47,7 +56,12 @@ def run(arguments: argparse.Namespace) -> int:
     masks: list[dict[str, object]] = []
 
     def looked() -> Iterator[tuple[Frame, Detection]]:
-        for frame in read_labelled(arguments.folder):
+        frames = (
+            read_coco_pairs(arguments.folder, arguments.coco)
+            if arguments.coco
+            else read_labelled(arguments.folder)
+        )
+        for frame in frames:
             try:
                 found = stage(frame, config.seed)
             except FrameFailure as failure:
@@ -75,18 +89,18 @@ def run(arguments: argparse.Namespace) -> int:
             yield frame, found
 
     table = detection_table(looked(), settings)
-    table.insert(0, "dataset", arguments.folder.name)
-    table.insert(1, "split", "labelled")
+    table.insert(0, "dataset", name)
+    table.insert(1, "split", arguments.coco or "labelled")
     by_method = mask_table(mask_rows(masks))
     print("\n" + as_text(detection_layout(table)))
     if masks:
-        print("\n" + as_text(masks_layout(by_method, arguments.folder.name)))
+        print("\n" + as_text(masks_layout(by_method, name)))
     if arguments.out is not None:
         arguments.out.mkdir(parents=True, exist_ok=True)
         table.to_csv(arguments.out / "detection.csv", index=False, float_format="%.3f")
         table_of_photos = pd.DataFrame(photos)
         table_of_photos.to_csv(arguments.out / "photos.csv", index=False, float_format="%.3f")
-        page = labelled_page(shown, arguments.folder.name, drawn)
+        page = labelled_page(shown, name, drawn)
         (arguments.out / "photos.html").write_text(page)
         if masks:
             by_method.to_csv(arguments.out / "masks.csv", index=False, float_format="%.3f")
