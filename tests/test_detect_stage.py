@@ -309,8 +309,14 @@ def test_the_class_of_the_category_beats_a_look_alike_with_a_higher_score():
 
 
 def test_the_box_of_the_person_is_no_object():
-    itself = box("chair", 0.9, 20, 11, 61, 110)
+    itself = box("potted plant", 0.6, 20, 11, 61, 110)
     assert verdicts(PERSON, itself, CHAIR) == ("chosen", "same_as_person", "chosen")
+
+
+def test_an_armchair_may_fill_the_box_of_who_sits_in_it():
+    around = box("chair", 0.8, 20, 11, 61, 110)
+    assert verdicts(PERSON, around) == ("chosen", "chosen")
+    assert verdicts(PERSON, around, CHAIR) == ("chosen", "other_object", "chosen")
 
 
 def test_an_object_out_of_reach_is_not_taken():

@@ -9,8 +9,9 @@
    size with how much longer or shorter than such things the box is (:mod:`hoi.detect.touching`);
    use with how little of what the person uses lies in the box, as far as the segmenter's network
    can tell without a box. Without a pose, contact falls linearly with the gap between the boxes.
-   Places beyond the reach (``too_far_from_person``), the person's own box (``same_as_person``), and
-   places whose evidence x size is under the threshold (``below_threshold``) are out.
+   Places beyond the reach (``too_far_from_person``) and places whose evidence x size is under the
+   threshold (``below_threshold``) are out. The person's own box counts half where such a thing was
+   named there, as who sits in an armchair fills its box, and is out (``same_as_person``) otherwise.
 3. The pair with the best ``person score x rating x size of the person`` is chosen; that last
    factor is the square root of the person's area over the largest person's.
 
@@ -253,12 +254,16 @@ def _rate(
         return _Rating(place.evidence if at else 0.0, "" if at else "not_at_the_point", told)
     if hints.object_box is not None:
         return _Rating(place.evidence, "", "drawn by the user")
+    named = category not in ANY_CATEGORY
+    evidence = place.evidence
     if overlap(person, box) >= config.same_thing:
-        return _Rating(0.0, "same_as_person", f"{told}; the box is the person's")
+        told += "; the box is the person's"
+        if not named or place.unnamed:
+            return _Rating(0.0, "same_as_person", told)
+        evidence *= config.same_thing_weight
     away = gap(person, box) / max(longer_side(person), 1e-9)
     if away >= config.reach:
         return _Rating(0.0, "too_far_from_person", f"{told}; {away:.2f} person lengths away")
-    named = category not in ANY_CATEGORY
     if not named and place.seen.score < config.unnamed_threshold:
         return _Rating(place.evidence, "below_threshold", f"{told}; no look is sure of it")
     size, contact, use = 1.0, 1 - away / config.reach, 1.0
@@ -277,9 +282,9 @@ def _rate(
         share = scene.share_in_use(box)
         use = config.unused_weight + (1 - config.unused_weight) * share
         why = f"{why} x use {use:.2f} (of what the person uses, {share:.0%} lies there)"
-    value = place.evidence * contact * size * use
+    value = evidence * contact * size * use
     # contact tells which one is meant, not whether it is one
-    out = "below_threshold" if place.evidence * size < config.object_threshold else ""
+    out = "below_threshold" if evidence * size < config.object_threshold else ""
     return _Rating(value, out, f"rated {value:.2f}: {why}")
 
 

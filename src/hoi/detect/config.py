@@ -221,7 +221,7 @@ class ResegmentConfig(Settings):
         description="A mask whose box overlaps less with the box asked with shows another thing.",
     )
     least_area: float = Field(
-        default=0.45,
+        default=0.7,
         ge=0,
         le=1,
         description="A mask whose box is smaller than this share of the detector's has missed a "
@@ -355,8 +355,15 @@ class DetectConfig(Settings):
         default=0.75,
         gt=0,
         le=1,
-        description="An object's box that overlaps the person's this much (IoU) shows the person: "
-        "a small detector answers surfboard for a surfer.",
+        description="An object's box that overlaps the person's this much (IoU) may show the "
+        "person: a small detector answers surfboard for a surfer.",
+    )
+    same_thing_weight: float = Field(
+        default=0.5,
+        ge=0,
+        le=1,
+        description="Factor on the evidence of such a box where the wanted thing was named there "
+        "(an armchair and who sits in it); elsewhere it is out.",
     )
 
     minimum_mask_pixels: int = Field(

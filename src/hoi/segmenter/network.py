@@ -2,7 +2,7 @@
 
 The backbone is that of NanoDet-g with its feature pyramid and class logits: what it learned of
 eighty classes on photos is what makes a decoder trained on renders work on photos at all. The
-decoder (0.7 million parameters) fuses strides 32, 16 and 8, compares every pixel's feature with
+decoder (0.8 million parameters) fuses strides 32, 16 and 8, compares every pixel's feature with
 those of a coarse foreground and background, and refines at strides 4 and 2.
 """
 
@@ -124,7 +124,7 @@ class SegmentationNetwork(nn.Module):
     """
 
     def __init__(
-        self, backbone: Backbone | None = None, width: int = 80, fine: int = 48, finest: int = 16
+        self, backbone: Backbone | None = None, width: int = 80, fine: int = 80, finest: int = 16
     ):
         super().__init__()
         head = 128 + CLASSES + PROMPTS
