@@ -302,6 +302,14 @@ def test_a_part_of_a_person_is_not_a_second_person():
     assert verdicts(PERSON, box("person", 0.5, 22, 12, 55, 60), CHAIR)[1] == "same_person"
 
 
+def test_a_faint_large_box_around_a_person_makes_nobody_background():
+    faint = box("person", 0.3, 0, 0, 155, 118)
+    assert verdicts(faint, box("person", 0.6, 22, 12, 55, 60), CHAIR)[:2] == (
+        "same_person",
+        "chosen",
+    )
+
+
 def test_the_class_of_the_category_beats_a_look_alike_with_a_higher_score():
     couch = box("couch", 0.7, 55, 30, 100, 62)
     assert verdicts(PERSON, couch, CHAIR) == ("chosen", "other_object", "chosen")

@@ -180,17 +180,23 @@ def _screen_person(
     item = people[index]
     if item.score < config.person_threshold:
         return "below_threshold"
-    others = [other for other in people if other is not item]
-    certain = [other for other in others if other.score >= config.person_threshold]
-    if any(
-        other.score > item.score and _share(item.box, other.box) >= config.same_person
-        for other in certain
-    ):
+    certain = [other for other in people if other.score >= config.person_threshold]
+    if _is_part_of_a_surer_one(item, certain, config):
         return "same_person"
     if hints.person_point is not None:
         return ""  # however small
-    largest = max((area(other.box) for other in certain), default=0.0)
+    whole = [other for other in certain if not _is_part_of_a_surer_one(other, certain, config)]
+    largest = max((area(other.box) for other in whole), default=0.0)
     return "background_person" if area(item.box) < config.rival_area * largest else ""
+
+
+def _is_part_of_a_surer_one(
+    item: DetectedBox, people: Sequence[DetectedBox], config: DetectConfig
+) -> bool:
+    return any(
+        other.score > item.score and _share(item.box, other.box) >= config.same_person
+        for other in people
+    )
 
 
 def plainest(people: Sequence[DetectedBox], verdicts: Sequence[str], count: int) -> list[int]:
@@ -226,7 +232,7 @@ def _person_candidate(
         else f"goes best with an object among {plausible} plausible people",
         "other_person": "another one goes better with an object, or is plainer",
         "below_threshold": "the score is too low",
-        "same_person": "lies in the box of a surer person",
+        "same_person": "shares its place with a surer person",
         "background_person": "much smaller than the largest person",
     }.get(verdict, verdict.replace("_", " "))
     return Candidate(
