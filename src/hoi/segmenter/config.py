@@ -30,7 +30,9 @@ class SceneConfig(Settings):
     generated_share: float = Field(
         default=0.4, ge=0, le=1, description="main objects that are generated, where one can be"
     )
-    outdoors_share: float = Field(default=0.25, ge=0, le=1)
+    outdoors_share: float = Field(
+        default=0.25, ge=0, le=1, description="pictures where nobody rides or swings a thing"
+    )
     alike_share: float = Field(
         default=0.65, ge=0, le=1, description="pictures whose things share a few tones"
     )
