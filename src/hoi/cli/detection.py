@@ -101,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
         table_of_photos = pd.DataFrame(photos)
         table_of_photos.to_csv(arguments.out / "photos.csv", index=False, float_format="%.3f")
         page = labelled_page(shown, name, drawn)
-        (arguments.out / "photos.html").write_text(page)
+        (arguments.out / "photos.html").write_text(page, encoding="utf-8")
         if masks:
             by_method.to_csv(arguments.out / "masks.csv", index=False, float_format="%.3f")
         print(f"\nwritten to {arguments.out}")

@@ -26,8 +26,7 @@ import numpy as np
 
 from hoi.artifacts import Frame
 from hoi.body.keypoints import FROM_COCO17, convert_keypoints
-from hoi.datasets.photos import PhotoRef, read_photo
-from hoi.datasets.photos_config import PhotosConfig
+from hoi.datasets.labelled import whole_photo
 from hoi.errors import ConfigError, FrameFailure
 
 PAIRS = Path(__file__).parents[1] / "data" / "detect" / "coco_pairs.csv"
@@ -115,9 +114,7 @@ def _frame(
     missing = [number for number in (pair.person, pair.object) if number not in outlines]
     if missing:
         raise ConfigError(f"there is no annotation {missing[0]}")
-    photo = _photo(folder, pair)
-    settings = PhotosConfig(folder=str(photo.parent), max_side=100_000)
-    frame = read_photo(settings, PhotoRef(photo.stem, photo.name, pair.category))
+    frame = whole_photo(_photo(folder, pair), pair.category)
     assert frame.image is not None
     size = frame.image.shape[:2]
     told: dict[str, Any] = {

@@ -26,6 +26,7 @@ from hoi.errors import ConfigError, FrameFailure
 LABELS_FILE = "labels.csv"
 _REQUIRED = ("photo", "category", "object_mask")
 _OPTIONAL = ("person_mask", "keypoints")
+_NO_LIMIT = 100_000  # pixels of the longer side
 _ORDERS = {17: FROM_COCO17, 25: FROM_BODY25}
 
 
@@ -66,11 +67,9 @@ def read_labelled(folder: Path | str) -> Iterator[Frame]:
 
 def _labelled(folder: Path, row: dict[str, str]) -> Frame:
     photo = _inside(folder, row["photo"])
-    stem = Path(row["photo"]).stem
     if not row["category"]:
         raise ConfigError("the category is empty")
-    settings = PhotosConfig(folder=str(photo.parent), max_side=100_000)
-    frame = read_photo(settings, PhotoRef(stem, photo.name, row["category"].lower()))
+    frame = whole_photo(photo, row["category"].lower())
     assert frame.image is not None
     size = frame.image.shape[:2]
     told: dict[str, Any] = {
@@ -83,6 +82,12 @@ def _labelled(folder: Path, row: dict[str, str]) -> Frame:
     if row.get("keypoints"):
         told["given_keypoints"] = _keypoints(_inside(folder, row["keypoints"]))
     return frame.model_copy(update=told)
+
+
+def whole_photo(photo: Path, category: str) -> Frame:
+    """A photo's frame in full size, so that labels in its pixels fit."""
+    settings = PhotosConfig(folder=str(photo.parent), max_side=_NO_LIMIT)
+    return read_photo(settings, PhotoRef(photo.stem, photo.name, category))
 
 
 def _inside(folder: Path, name: str) -> Path:

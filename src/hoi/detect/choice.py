@@ -181,16 +181,16 @@ def _screen_person(
     if item.score < config.person_threshold:
         return "below_threshold"
     certain = [other for other in people if other.score >= config.person_threshold]
-    if _is_part_of_a_surer_one(item, certain, config):
+    if _shares_place_with_surer(item, certain, config):
         return "same_person"
     if hints.person_point is not None:
         return ""  # however small
-    whole = [other for other in certain if not _is_part_of_a_surer_one(other, certain, config)]
+    whole = [other for other in certain if not _shares_place_with_surer(other, certain, config)]
     largest = max((area(other.box) for other in whole), default=0.0)
     return "background_person" if area(item.box) < config.rival_area * largest else ""
 
 
-def _is_part_of_a_surer_one(
+def _shares_place_with_surer(
     item: DetectedBox, people: Sequence[DetectedBox], config: DetectConfig
 ) -> bool:
     return any(

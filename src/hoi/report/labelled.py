@@ -61,26 +61,10 @@ def labelled_page(photos: Sequence[LabelledPhoto], folder: str, config: ReportCo
         folder: name of the folder, for the heading.
     """
     ordered = sorted(photos, key=lambda shot: (shot.right, shot.object_iou, shot.photo))
-    cards = [
-        {
-            "photo": shot.photo,
-            "category": shot.category,
-            "status": "ok" if shot.right else "wrong object",
-            "stopped": shot.panel.stopped,
-            "url": image_url(shot.panel.image, config),
-            "alt": shot.panel.alt,
-            "width": shot.panel.image.shape[1],
-            "height": shot.panel.image.shape[0],
-            "object_iou": f"{shot.object_iou:.2f}",
-            "box_iou": f"{shot.box_iou:.2f}",
-            "chosen": shot.chosen,
-        }
-        for shot in ordered
-    ]
     return render(
         "labelled.html.j2",
         heading=f"{folder}: detection on labelled photos",
         style=source("style.css"),
         right=sum(shot.right for shot in photos),
-        cards=cards,
+        cards=[(shot, image_url(shot.panel.image, config)) for shot in ordered],
     )

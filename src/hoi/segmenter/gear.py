@@ -13,7 +13,7 @@ import numpy as np
 
 from hoi.exemplars.library import Exemplar
 from hoi.exemplars.meshing import union_of_parts
-from hoi.exemplars.procedural import LICENCE, Parts
+from hoi.exemplars.procedural import LICENCE, SIDES, Parts
 from hoi.exemplars.solids import ball, box, cushion, disc, ellipsoid, lathe, rod, tube
 
 _VERTICES = 1000
@@ -64,13 +64,8 @@ def _umbrella(rng: np.random.Generator) -> Parts:
     length, radius = rng.uniform(0.7, 1.0), rng.uniform(0.4, 0.65)
     stick = [rod((0, 0, 0), (0, length, 0), 0.008)]
     if rng.random() < 0.2:  # furled
-        furled = [
-            (0, 0.2),
-            (0.02, 0.22),
-            (0.045, 0.6 * length),
-            (0.012, 0.95 * length),
-            (0, length),
-        ]
+        furled = [(0, 0.2), (0.02, 0.22), (0.045, 0.6 * length), (0.012, 0.95 * length),
+                  (0, length)]  # fmt: skip
         return {"stick": stick, "canopy": [lathe(furled, 10)]}
     deep, sides = rng.uniform(0.3, 0.6) * radius, int(rng.integers(6, 12))
     slope = np.linspace(0, 1, 6)
@@ -98,15 +93,13 @@ def _board(rng: np.random.Generator) -> Parts:
         shaped[:, 1] += kick * np.maximum(t - 0.7, 0) ** 2 / 0.09
         return shaped
 
-    plank = box((width, 0.015, length - width)) + disc(
-        width / 2, 0.015, (0, 0, (length - width) / 2)
-    )
-    plank = plank + disc(width / 2, 0.015, (0, 0, -(length - width) / 2))
-    bindings = [box((0.8 * width, 0.03, 0.12), (0, 0.02, s * 0.25)) for s in (-1, 1)]
-    keep = rng.random() < 0.7
+    straight = length - width
+    tail, nose = (disc(width / 2, 0.015, (0, 0, s * straight / 2)) for s in SIDES)
+    plank = box((width, 0.015, straight)) + nose + tail
+    bindings = [box((0.8 * width, 0.03, 0.12), (0, 0.02, s * 0.25)) for s in SIDES]
     return {
         "board": [plank.refine_to_length(0.08).warp_batch(shape)],
-        "binding": bindings if keep else [],
+        "binding": bindings if rng.random() < 0.7 else [],
     }
 
 
@@ -116,17 +109,17 @@ def _motorcycle(rng: np.random.Generator) -> Parts:
     rim = [(wheel - tyre + tyre * np.cos(a), tyre * np.sin(a)) for a in np.arange(8) * np.pi / 4]
     ring = lathe(rim, 28).rotate((0, 0, 90))
     seat, top = rng.uniform(0.68, 0.85), rng.uniform(0.95, 1.15)
-    wheels = [ring.translate((0, wheel, s * base)) for s in (-1, 1)]
-    for s in (-1, 1):
+    wheels = [ring.translate((0, wheel, s * base)) for s in SIDES]
+    for s in SIDES:
         hub = np.array([0, wheel, s * base])
         wheels.append(rod(hub - (0.06, 0, 0), hub + (0.06, 0, 0), 0.05))
         for angle in np.arange(5) * np.pi / 5:
             arm = (wheel - tyre) * np.array([0, np.sin(angle), np.cos(angle)])
             wheels.append(rod(hub - arm, hub + arm, 0.008, sides=4))
     engine = [box((0.34, 0.28, 0.42), (0, wheel + 0.08, -0.02))]
-    engine += [rod((s * 0.1, wheel, 0.1), (s * 0.16, wheel, -base), 0.04) for s in (-1, 1)]
+    engine += [rod((s * 0.1, wheel, 0.1), (s * 0.16, wheel, -base), 0.04) for s in SIDES]
     head = np.array([0, top - 0.1, 0.75 * base])
-    forks = [rod((s * 0.09, wheel, base), head + (s * 0.09, 0, 0), 0.028) for s in (-1, 1)]
+    forks = [rod((s * 0.09, wheel, base), head + (s * 0.09, 0, 0), 0.028) for s in SIDES]
     frame = [*forks, rod(head, (0, wheel + 0.15, 0.1), 0.04), rod((0, seat, -0.3), head, 0.035),
              rod((0, wheel, -base), (0, wheel + 0.1, -0.1), 0.04)]  # fmt: skip
     tank = [ellipsoid((0.3, 0.28, 0.55), (0, seat + 0.08, 0.22))]
@@ -135,7 +128,7 @@ def _motorcycle(rng: np.random.Generator) -> Parts:
     steering = [tube([(-bar, top, 0.55 * base), (-0.12, top - 0.03, 0.7 * base),
                       (0.12, top - 0.03, 0.7 * base), (bar, top, 0.55 * base)], 0.016)]  # fmt: skip
     lamp = [ball(0.09, (0, top - 0.12, 0.75 * base + 0.1))]
-    guards = [box((0.14, 0.02, 0.35), (0, 2 * wheel + 0.02, s * base)) for s in (-1, 1)]
+    guards = [box((0.14, 0.02, 0.35), (0, 2 * wheel + 0.02, s * base)) for s in SIDES]
     fairing = [ellipsoid((0.42, 0.5, 0.35), (0, top - 0.2, 0.8 * base))]
     return {
         "wheel": wheels, "engine": engine, "frame": frame, "tank": tank, "seat": saddle,
