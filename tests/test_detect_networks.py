@@ -164,6 +164,25 @@ def test_a_second_pass_counts_only_while_it_stays_with_the_person(second, score,
     assert found.score == (score if kept else 0.8)
 
 
+@pytest.mark.parametrize(
+    ("box", "first_score", "wide"),
+    [
+        ((18.0, 8.0, 62.0, 100.0), 0.9, 0),  # seen whole
+        ((18.0, 8.0, 62.0, 120.0), 0.9, 2),  # cut off at the knees by the picture's lower border
+        ((18.0, 8.0, 62.0, 100.0), 0.2, 2),  # whole, but seen by no other crop
+    ],
+)
+def test_wide_crops_are_for_who_is_cut_off_or_not_seen(box, first_score, wide):
+    first, neighbour, better = (20, 10, 60, 98), (70, 10, 130, 98), (22, 12, 60, 96)
+    answers = [(first, first_score), (neighbour, 0.99), (better, 0.95)][: 1 + wide]
+    pose = ScriptedPose(*answers, passes=1, wide_shifts=(0.0, 0.3))
+    found = pose(np.zeros((120, 160, 3), np.uint8), box, np.diag([100.0, 100.0, 1.0]))
+    assert not pose.left
+    # never the neighbour, though the model is surest of that one
+    left, top = better[:2] if wide else first[:2]
+    np.testing.assert_allclose(found.keypoints[:, :2].min(0), [left, top], atol=1)
+
+
 def test_a_crop_at_the_side_shows_what_a_turned_camera_sees():
     from hoi.detect.blazepose import Crop
 
@@ -262,6 +281,19 @@ class TestOnPhotos:
         flat = skier.keypoints[:, :2] - skier.keypoints[11:13, :2].mean(0)
         agreement = np.corrcoef(flat.ravel(), landmarks[:, :2].ravel())[0, 1]
         assert agreement > 0.95
+
+    @pytest.mark.parametrize("rows", [150, 180, 260])
+    def test_who_is_cut_off_moves_like_the_whole_person(self, rows):
+        from hoi.detect.blazepose import BlazePose
+
+        whole = photo("coco_000000000785_skis.jpg", "skis")
+        estimator = BlazePose(DetectConfig().blazepose, MODELS)
+        box = (280.0, 44.0, 499.0, 387.0)
+        seen = estimator(whole.image, box, whole.intrinsics)
+        part = estimator(whole.image[:rows], (*box[:3], float(rows)), whole.intrinsics)
+        elbows = [KEYPOINT["left_elbow"], KEYPOINT["right_elbow"]]
+        away = np.linalg.norm((part.keypoints - seen.keypoints)[elbows, :2], axis=1)
+        assert away.max() < 20  # 36 to 43 pixels from the crop around the visible part alone
 
     def test_the_mirrored_photo_mirrors_the_answer(self, stage, skier):
         original = photo("coco_000000000785_skis.jpg", "skis")

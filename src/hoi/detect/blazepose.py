@@ -14,7 +14,7 @@ import numpy as np
 
 from hoi.body.keypoints import FROM_BLAZEPOSE33, convert_keypoints
 from hoi.detect.backends import Box, PersonPose
-from hoi.detect.boxes import area, grown, longer_side, pixel_window, shared_area
+from hoi.detect.boxes import area, grown, longer_side, middle, pixel_window, shared_area
 from hoi.detect.config import BlazePoseConfig
 from hoi.detect.nanodet import letterbox
 
@@ -89,27 +89,39 @@ class BlazePose:
 
     def __call__(self, image: np.ndarray, box: Box, intrinsics: np.ndarray) -> PersonPose | None:
         """The person in `box` (x0, y0, x1, y1), or None when the model sees nobody there."""
-        crops = self._first_crops(image, box)
-        readings = [self._read(image, crop, intrinsics) for crop in crops]
-        best = max(readings, key=lambda reading: self._rank(reading, box, image.shape[:2]))
+        shape = image.shape[:2]
+        readings = [self._read(image, crop, intrinsics) for crop in self._first_crops(image, box)]
+        unseen = max(reading.score for reading in readings) < self.config.minimum_score
+        if unseen or _cut_off(box, shape, self.config.cut_margin):
+            wide = [self._read(image, crop, intrinsics) for crop in self._wide_crops(box)]
+            least = self.config.minimum_inside
+            readings += [reading for reading in wide if self._inside(reading, box, shape) >= least]
+        best = max(readings, key=lambda reading: self._rank(reading, box, shape))
         for _ in range(self.config.passes - 1):
             crop = self._recentred(best)
             if crop is None:
                 break
             again = self._read(image, crop, intrinsics)
-            if not self._stays(again, best, box, image.shape[:2]):
+            if not self._stays(again, best, box, shape):
                 break
             best = again
         if best.score < self.config.minimum_score:
             return None
-        return self._pose(best, box, image.shape[:2])
+        return self._pose(best, box, shape)
 
     def _first_crops(self, image: np.ndarray, box: Box) -> list[Crop]:
         """The box's own square, and the detector's if it sees the same person."""
-        centre = np.array([box[0] + box[2], box[1] + box[3]]) / 2
-        own = Crop(centre, self.config.crop_scale * longer_side(box), 0.0)
+        own = Crop(middle(box), self.config.crop_scale * longer_side(box), 0.0)
         seen = self._detect(image, own, box)
         return [own] if seen is None else [own, seen]
+
+    def _wide_crops(self, box: Box) -> list[Crop]:
+        """Squares with room for the part of a body that the picture does not show."""
+        centre, side = middle(box), longer_side(box)
+        return [
+            Crop(centre + np.array([0.0, shift * side]), self.config.wide_scale * side, 0.0)
+            for shift in self.config.wide_shifts
+        ]
 
     def _detect(self, image: np.ndarray, around: Crop, box: Box) -> Crop | None:
         """The crop that the person detector proposes inside `around`."""
@@ -272,6 +284,13 @@ def _shift(x: float, y: float) -> np.ndarray:
 def _between_centres(homography: np.ndarray) -> np.ndarray:
     """OpenCV counts from pixel centres: the same map between integer pixel indices."""
     return _shift(-0.5, -0.5) @ homography @ _shift(0.5, 0.5)
+
+
+def _cut_off(box: Box, shape: tuple[int, ...], margin: float) -> bool:
+    """Whether the box reaches the border of the picture."""
+    near = margin * longer_side(box)
+    height, width = shape
+    return min(box[0], box[1]) <= near or box[2] >= width - near or box[3] >= height - near
 
 
 def _within(points: np.ndarray, box: Sequence[float]) -> np.ndarray:

@@ -112,6 +112,22 @@ class BlazePoseConfig(Settings):
     crop_scale: float = Field(
         default=1.25, gt=1, description="Side of the crop / size of the person."
     )
+    wide_scale: float = Field(
+        default=2.5,
+        gt=1,
+        description="The same for who is cut off by the picture's border, or seen by no other "
+        "crop: the model expects a whole body, much of which is then missing.",
+    )
+    wide_shifts: tuple[float, ...] = Field(
+        default=(0.0, 0.3, 0.6),
+        description="Such crops are centred so far below the box's centre / its longer side: "
+        "what is missing is mostly the legs. Empty for none.",
+    )
+    cut_margin: float = Field(
+        default=0.01,
+        ge=0,
+        description="A box that comes so near the border / its longer side is cut off there.",
+    )
     passes: int = Field(
         default=2, ge=1, le=3, description="Passes after the first re-centre the crop."
     )
