@@ -2,6 +2,7 @@
 
 import csv
 import json
+import weakref
 from dataclasses import replace
 
 import cv2
@@ -143,6 +144,21 @@ def test_an_object_is_right_by_its_box_or_by_its_mask():
     assert right(loose, CHAIR_BOX) == (1, 0, 1)
     assert right(CHAIR_BOX, part) == (1, 1, 0)
     assert right(elsewhere, elsewhere) == (0, 0, 0)
+
+
+def test_a_table_of_many_photos_holds_one_at_a_time():
+    failed = Detection(frame_id="f", status="no_object_detected", failed_stage="detect")
+    read = []
+
+    def pairs():
+        for _ in range(4):
+            photo = frame()
+            read.append(weakref.ref(photo))
+            yield photo, failed
+            del photo
+            assert sum(seen() is not None for seen in read) <= 1
+
+    assert detection_table(pairs(), REGISTRY)["n"].tolist() == [4, 4]
 
 
 def test_a_failed_frame_is_compared_with_the_true_box_alone():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import pandas as pd
@@ -38,11 +38,17 @@ def detection_table(pairs: Iterable[tuple[Frame, Detection]], config: DetectConf
         person's box (``person@0.9``), an object's (``object@0.9``) and a right one
         (``right@0.9``).
     """
-    pairs = list(pairs)
-    rows = pd.DataFrame([frame_agreement(frame, found, config) for frame, found in pairs])
+    agreements = []
+
+    def compared() -> Iterator[tuple[Frame, Detection]]:
+        for frame, found in pairs:  # one at a time: together, photos may not fit into memory
+            agreements.append(frame_agreement(frame, found, config))
+            yield frame, found
+
+    counts = detection_counts(compared(), config)
+    rows = pd.DataFrame(agreements)
     tables = [_summary(name, part) for name, part in rows.groupby("category")]
     table = pd.DataFrame([*tables, _summary(ALL, rows)])
-    counts = detection_counts(pairs, config)
     for threshold, part in counts.groupby("threshold", sort=False):
         for ours, theirs in (
             ("person", "person"),

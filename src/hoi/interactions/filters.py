@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from hoi.artifacts import Candidate, Detection
 from hoi.detect.boxes import longer_side, overlap
+from hoi.detect.choice import CHOSEN
+from hoi.detect.labels import PERSON
 from hoi.errors import FrameFailure
 from hoi.interactions.config import InteractionsConfig
 
-_PERSON = "person"
 # verdicts of boxes that are people, or things of the class, though not the ones that were chosen
 _OTHER_PEOPLE = ("other_person", "background_person")
 _OTHER_OBJECTS = ("other_object", "too_far_from_person")
-CHOSEN = "chosen"
 
 
 def check_interaction(detection: Detection, config: InteractionsConfig) -> None:
@@ -20,10 +20,10 @@ def check_interaction(detection: Detection, config: InteractionsConfig) -> None:
     Raises FrameFailure: several_people, several_objects, or no_interaction. What the user drew or
     gave as a mask is not counted again: an image without other boxes has one of each.
     """
-    people = _others(detection, config.person_score, _OTHER_PEOPLE, {_PERSON})
+    people = _others(detection, config.person_score, _OTHER_PEOPLE, {PERSON})
     if people:
         raise FrameFailure("several_people", f"{len(people) + 1} people; {_told(people)}")
-    chosen = {c.label for c in detection.candidates if c.verdict == CHOSEN} - {_PERSON}
+    chosen = {c.label for c in detection.candidates if c.verdict == CHOSEN} - {PERSON}
     objects = _others(detection, config.object_score, _OTHER_OBJECTS, chosen)
     if objects:
         raise FrameFailure("several_objects", f"{len(objects) + 1} objects; {_told(objects)}")
