@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from hoi.artifacts import BodyFit, Detection, Frame, Joint
+from hoi.artifacts import BodyFit, Detection, Frame, Joint, ObjectFit
 from hoi.config import load_config
 from hoi.datasets.photos_config import PhotosConfig
 from hoi.detect.agreement import detection_table
@@ -18,7 +18,7 @@ from hoi.exemplars.vocabulary import exemplar_category
 from hoi.manifest import plan
 from hoi.report import show
 from hoi.report.detection import detection_layout
-from hoi.report.photos import COLUMNS, object_size, photo_row
+from hoi.report.photos import COLUMNS, doubts, object_size, photo_row
 from hoi.report.tables import as_text
 from test_detect_stage import (
     CHAIR,
@@ -163,7 +163,7 @@ def photo(**changes):
 
 def test_a_photo_that_cannot_be_read_has_a_row_with_its_name_and_reason():
     broken = photo(failed_stage="photos")
-    skipped = [kind.skipped("a", broken) for kind in (Detection, BodyFit, Joint)]
+    skipped = [kind.skipped("a", broken) for kind in (Detection, BodyFit, ObjectFit, Joint)]
     row = photo_row(broken, *skipped, {}, 0.0)
     assert tuple(row) == COLUMNS
     told = row["photo"], row["object"], row["status"], row["failed_stage"], row["detail"]
@@ -176,7 +176,7 @@ def test_a_photo_that_cannot_be_read_has_a_row_with_its_name_and_reason():
 )
 def test_the_row_says_who_named_the_object(category, object_name, who):
     named = photo(category=category, object_name=object_name)
-    skipped = [kind.skipped("a", named) for kind in (Detection, BodyFit, Joint)]
+    skipped = [kind.skipped("a", named) for kind in (Detection, BodyFit, ObjectFit, Joint)]
     assert photo_row(named, *skipped, {}, 0.0)["named_by"] == who
 
 
@@ -195,6 +195,53 @@ def test_the_size_of_a_turned_object_is_measured_along_its_own_axes():
         object_scale=1.0,
     )
     assert object_size(joint) == "2.00 x 0.50 x 1.00"
+
+
+def doubted(name="skateboard", *, length=0.8, iou=0.9, seen=21, source="segmenter"):
+    """What is said of an object of this length in metres, outline, keypoints and mask."""
+    keypoints = np.zeros((21, 3))
+    keypoints[:seen, 2] = 0.9
+    filled = np.ones((4, 4), bool)
+    found = Detection(
+        frame_id="a", person_box=np.array([0, 0, 4, 4.0]), object_box=np.array([0, 0, 4, 4.0]),
+        person_mask=filled, object_mask=filled, object_mask_source=source, keypoints=keypoints,
+    )  # fmt: skip
+    fit = ObjectFit(
+        frame_id="a", exemplars=["x", "y"], rotations=np.tile(np.eye(3), (2, 1, 1)),
+        translations=np.ones((2, 3)), ious=np.array([iou / 2, iou]),
+    )  # fmt: skip
+    joint = Joint(
+        frame_id="a", object_vertices=np.array([[0, 0, 0], [0.2, 0.1, length]]),
+        object_rotation=np.eye(3), object_faces=np.array([[0, 1, 1]]), object_scale=1.0,
+        body_vertices=np.zeros((1, 3)),
+    )  # fmt: skip
+    return doubts(photo(category=name, object_name=name), found, fit, joint)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({}, None),
+        ({"length": 1.3}, None),  # boards are 0.6 to 1.1 m, more or less
+        ({"length": 1.5}, "1.50 m long, and such things are 0.6 to 1.1 m"),
+        ({"length": 0.3}, "0.30 m long"),
+        ({"name": "stroller", "length": 30.0}, None),  # nobody knows how large these are
+        ({"iou": 0.5}, "looks like no exemplar (IoU of the outlines 0.50)"),
+        ({"seen": 9}, "only 9 of 21 keypoints"),
+        ({"source": "box_minus_person"}, "its box had to do"),
+    ],
+)
+def test_a_result_that_stages_disagree_on_is_doubted(changes, told):
+    said = doubted(**changes)
+    assert len(said) == (told is not None)
+    assert told is None or told in said[0]
+
+
+def test_doubts_add_up_and_where_there_is_no_result_its_status_says_why():
+    assert len(doubted(length=3.0, iou=0.2, seen=2, source="box")) == 4
+    broken = photo()
+    skipped = [kind.skipped("a", broken) for kind in (Detection, ObjectFit, Joint)]
+    assert doubts(broken, *skipped) == []
 
 
 def outcome(a_frame, *boxes):
@@ -247,7 +294,7 @@ def test_the_rates_print_as_a_table(rates, tmp_path, capsys):
 
 def test_the_table_of_photos_prints_with_its_reasons(tmp_path, capsys):
     broken = photo()
-    skipped = [kind.skipped("a", broken) for kind in (Detection, BodyFit, Joint)]
+    skipped = [kind.skipped("a", broken) for kind in (Detection, BodyFit, ObjectFit, Joint)]
     path = tmp_path / "photos.csv"
     pd.DataFrame([photo_row(broken, *skipped, {}, 0.0)]).to_csv(path, index=False)
     assert show.main([str(path)]) == 0

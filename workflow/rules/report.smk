@@ -293,6 +293,7 @@ rule table_photos:
         joints=lambda wildcards: indexes(PHOTOS, "joint/ours"),
         detections=lambda wildcards: indexes(PHOTOS, "detect"),
         bodies=lambda wildcards: indexes(PHOTOS, "smplify"),
+        objects=lambda wildcards: indexes(PHOTOS, f"objectfit/{CONFIG.methods['ours'].search}"),
         scenes=lambda wildcards: indexes(PHOTOS, "scenes"),
         frames=lambda wildcards: indexes(PHOTOS, "frames"),
         gallery=lambda wildcards: gallery_of(PHOTOS),

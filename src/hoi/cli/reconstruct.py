@@ -198,9 +198,6 @@ def _tell(console, rows: list[dict[str, Any]], out: Path, seconds: float) -> Non
         f"Open [bold]{out / 'index.html'}[/] in a browser.",
         highlight=False,
     )
-    if any(row["object_mask"].startswith("box") for row in rows if row["status"] == "ok"):
-        console.print(
-            "Where the mask is a box, the object could not be cut out: draw a mask (--mask) for a "
-            "better fit.",
-            style="yellow",
-        )
+    for row in rows:
+        if row["doubts"]:
+            console.print(f"{row['photo']} is doubtful: {row['doubts']}.", style="yellow")
