@@ -18,7 +18,8 @@ from hoi.exemplars.vocabulary import exemplar_category
 from hoi.manifest import plan
 from hoi.report import show
 from hoi.report.detection import detection_layout
-from hoi.report.photos import COLUMNS, doubts, object_size, photo_row
+from hoi.report.doubts import doubts
+from hoi.report.photos import COLUMNS, object_size, photo_row
 from hoi.report.tables import as_text
 from test_detect_stage import (
     CHAIR,

@@ -133,6 +133,13 @@ def test_a_frame_without_errors_shows_what_came_out_and_no_empty_table():
     assert "worst first" not in text and "Chamfer" not in text
 
 
+def test_a_card_without_errors_says_what_speaks_against_its_result():
+    poor = synthetic.object_fit().model_copy(update={"ious": np.array([0.3, 0.4])})
+    view = synthetic.method("ours", evaluation=None, objects=poor)
+    card = card_of(synthetic.frame("a"), synthetic.detection(), [view], "", IMAGE)
+    assert "looks like no exemplar (IoU of the outlines 0.40)" in Reader(gallery_page([card])).text
+
+
 def test_tables_on_the_page_lead_to_their_frames():
     table = LaidOutTable("t", "", "Action", (("Ours", ("H",)), ("In print", ("H",))),
         (("Sit", ("1.0", "7.1")), ("Avg.", ("1.0", "7.2"))))  # fmt: skip

@@ -140,6 +140,15 @@ def test_the_head_names_frame_data_set_action_and_errors():
     assert "Ours 9.3 cm object 4.1 cm body action: sit ok" in text
 
 
+def test_the_head_says_what_speaks_against_the_method_shown_first():
+    assert "doubtful" not in Reader(page()).text
+    fine = synthetic.joint()
+    vast = fine.model_copy(update={"object_vertices": fine.object_vertices * 2})
+    doubtful = Reader(page([synthetic.method("ours", joint=vast)])).text
+    assert "doubtful the object came out 1.80 m long, and such things are 0.6 to 1.1 m" in doubtful
+    assert "doubtful" not in Reader(page([synthetic.method("phosa", joint=vast)])).text
+
+
 def test_every_stage_tells_what_it_decided_and_why():
     text = Reader(page()).text
     for told in (

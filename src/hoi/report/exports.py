@@ -17,6 +17,7 @@ import numpy as np
 from hoi.artifacts import BodyFit, Frame, Joint, Prior
 from hoi.report.colours import rgb
 from hoi.report.config import ReportConfig
+from hoi.report.doubts import object_sides
 from hoi.report.raycast import Surface, orthographic_rays, shoot
 from hoi.report.scene import CAMERA_UP, body_colours, followed, of_joint
 
@@ -64,9 +65,8 @@ def object_pose(frame: Frame, prior: Prior | None, joint: Joint) -> dict[str, An
     """
     if not joint.ok or joint.object_rotation is None or joint.object_translation is None:
         raise ValueError(f"frame {joint.frame_id} has no object pose: {joint.status}")
-    assert joint.object_vertices is not None and frame.intrinsics is not None
-    upright = joint.object_vertices @ joint.object_rotation
-    size = upright.max(axis=0) - upright.min(axis=0)
+    size = object_sides(joint)
+    assert size is not None and frame.intrinsics is not None
     said = followed(joint, prior)
     height, width = (0, 0) if frame.image is None else frame.image.shape[:2]
     return {

@@ -11,6 +11,7 @@ import numpy as np
 from hoi.artifacts import Detection, Frame, GroundTruth
 from hoi.report.causes import CAUSES, cause_of_error, cause_of_stop
 from hoi.report.config import ReportConfig
+from hoi.report.doubts import doubts, object_sides
 from hoi.report.html import image_url, render, source
 from hoi.report.labels import method_label
 from hoi.report.outcomes import number
@@ -93,22 +94,22 @@ def card_of(
             None if found is None else Problem(*found),
             cause,
         )
-    note = _note(methods[-1]) if methods else ""
+    note = _note(frame, detection, methods[-1]) if methods else ""
     return Card(
         frame.frame_id, frame.dataset, frame.category, frame.action, href, image, scores, note
     )
 
 
-def _note(method: MethodView) -> str:
-    """What came out of a photo: action and size."""
+def _note(frame: Frame, detection: Detection | None, method: MethodView) -> str:
+    """What came out of a photo: action, size, and what speaks against it."""
     joint = method.joint
-    if joint is None or not joint.ok or joint.object_vertices is None:
+    sides = None if joint is None or not joint.ok else object_sides(joint)
+    if joint is None or sides is None:
         return ""
-    points = joint.object_vertices
-    if joint.object_rotation is not None:
-        points = points @ joint.object_rotation
-    size = " × ".join(f"{side:.2f}" for side in points.max(axis=0) - points.min(axis=0))
-    return f"{joint.action or 'uses it'} · object {size} m"
+    size = " × ".join(f"{side:.2f}" for side in sides)
+    against = "; ".join(doubts(frame, detection, method.objects, joint))
+    doubt = f" · doubtful: {against}" if against else ""
+    return f"{joint.action or 'uses it'} · object {size} m{doubt}"
 
 
 def pick_frames(frames: Sequence[tuple[str, str]], limit: int) -> list[str]:

@@ -27,6 +27,7 @@ from hoi.artifacts import (
 from hoi.errors import AssetError
 from hoi.report.causes import cause_of_error, cause_of_stop
 from hoi.report.config import ReportConfig
+from hoi.report.doubts import doubts
 from hoi.report.html import image_url, render, source
 from hoi.report.labels import method_label
 from hoi.report.outcomes import (
@@ -166,6 +167,7 @@ def frame_page(
         index=index,
         problem=_problem(frame, detection, methods),
         headline=_headline(frame, methods),
+        doubts=_doubts(frame, detection, methods),
         protocol=_protocol(methods),
         detection=detected,
         bodies=bodies,
@@ -214,14 +216,25 @@ def _as_yaml(settings: Mapping[str, object] | None) -> str:
 
 def _headline(frame: Frame, methods: Sequence[MethodView]) -> str:
     """One sentence on the method shown first: what the person does, with what, how good."""
-    shown = next((m for m in methods if m.name == SHOWN_FIRST and m.joint is not None), None)
-    if shown is None or shown.joint is None or not shown.joint.ok:
+    joint = _first(methods)[1]
+    if joint is None:
         return ""
-    count = 0
-    if shown.joint.contact_vertices is not None:
-        count = int((shown.joint.contact_vertices > 0).sum())
+    count = 0 if joint.contact_vertices is None else int((joint.contact_vertices > 0).sum())
     touch = f"; {count} vertices of the body touch it" if count else ""
-    return f"{shown.joint.action or 'uses'}, {frame.category}{touch}"
+    return f"{joint.action or 'uses'}, {frame.category}{touch}"
+
+
+def _doubts(frame: Frame, detection: Detection | None, methods: Sequence[MethodView]) -> list[str]:
+    fit, joint = _first(methods)
+    return [] if joint is None else doubts(frame, detection, fit, joint)
+
+
+def _first(methods: Sequence[MethodView]) -> tuple[ObjectFit | None, Joint | None]:
+    """Of the method shown first, if it came through."""
+    shown = next((method for method in methods if method.name == SHOWN_FIRST), None)
+    if shown is None or shown.joint is None or not shown.joint.ok:
+        return None, None
+    return shown.objects, shown.joint
 
 
 def _picture(panel: Panel, config: ReportConfig) -> dict[str, str]:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from hoi.artifacts import BodyFit, Detection, Frame, Joint, ObjectFit
 from hoi.datasets.photos_config import AUTO
-from hoi.detect.touching import expectation
+from hoi.report.doubts import doubts, object_sides
 from hoi.report.tables import DASH, LaidOutTable
 
 COLUMNS = (
@@ -18,8 +17,6 @@ COLUMNS = (
     "exemplar", "object_size_m", "object_mask", "keypoint_error_px", "intrinsics", "scene",
     "overlay", "seconds",
 )  # fmt: skip
-# of a keypoint that is seen; keypoints (of 21); IoU; beyond the usual sizes, which are rounded
-_SEEN, _FEW_SEEN, _POOR_OUTLINE, _SIZE_SLACK = 0.5, 10, 0.6, 1.25
 
 
 def photo_row(
@@ -58,50 +55,8 @@ def photo_row(
     }
 
 
-def doubts(frame: Frame, detection: Detection, fit: ObjectFit, joint: Joint) -> list[str]:
-    """Why a result may be wrong although every stage came through, each in words.
-
-    There is no truth to compare a photo's result with; what can be checked is whether the stages
-    agree with each other and with what is known of such things. docs/photos.md says how far that
-    tells good results from bad ones. Nothing is doubted where there is no result.
-    """
-    sides = object_sides(joint)
-    if sides is None:
-        return []
-    found = []
-    if detection.object_mask_source.startswith("box"):
-        found.append(
-            "the object could not be cut out and its box had to do (a mask of your own helps)"
-        )
-    if fit.ious is not None and fit.ious.max() < _POOR_OUTLINE:
-        found.append(
-            f"the object's mask looks like no exemplar (IoU of the outlines {fit.ious.max():.2f})"
-        )
-    if detection.keypoints is not None:
-        seen = int((detection.keypoints[:, 2] >= _SEEN).sum())
-        if seen < _FEW_SEEN:
-            found.append(f"only {seen} of {len(detection.keypoints)} keypoints are seen")
-    known = expectation(frame.object_name) or expectation(frame.category)
-    longest = float(sides.max())
-    if known is not None and not (
-        known.shortest_m / _SIZE_SLACK <= longest <= known.longest_m * _SIZE_SLACK
-    ):
-        found.append(
-            f"the object came out {longest:.2f} m long, and such things are "
-            f"{known.shortest_m:g} to {known.longest_m:g} m"
-        )
-    return found
-
-
-def object_sides(joint: Joint) -> np.ndarray | None:
-    """(3,) width, height, depth of the placed object along its own axes in metres, if it is."""
-    if joint.object_vertices is None or joint.object_rotation is None:
-        return None
-    return np.ptp(joint.object_vertices @ joint.object_rotation, axis=0)
-
-
 def object_size(joint: Joint) -> str:
-    """The same to read: width x height x depth; empty without an object."""
+    """Width x height x depth of the placed object in metres; empty without one."""
     sides = object_sides(joint)
     return "" if sides is None else " x ".join(f"{side:.2f}" for side in sides)
 
