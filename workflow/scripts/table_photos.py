@@ -34,8 +34,9 @@ with logged(snakemake):
             read_artifacts(Joint, joints),
             strict=True,
         )
-        for frame, *results in artifacts:
+        for frame, detection, body, fit, joint in artifacts:
             files = {kind: str(folder / name) for kind, name in written[frame.frame_id].items()}
-            rows.append(photo_row(frame, *results, files, seconds[frame.frame_id]))
+            spent = seconds[frame.frame_id]
+            rows.append(photo_row(frame, detection, body, fit, joint, files, spent))
     table = pd.DataFrame(rows, columns=list(COLUMNS))
     table.to_csv(snakemake.output[0], index=False, float_format="%.2f")
