@@ -21,6 +21,7 @@ from hoi.detect.labels import PERSON
 from hoi.detect.mask_methods import FOUND, TRUE, compare_masks, mask_methods, mask_rows, mask_table
 from hoi.detect.oks import SIGMAS, keypoint_similarity
 from hoi.errors import ConfigError
+from hoi.report import show
 from hoi.report.detection import masks_layout
 from hoi.report.tables import as_text
 from test_detect_stage import CHAIR_BOX, PERSON_BOX, REGISTRY, filled, frame, picture
@@ -93,6 +94,23 @@ def test_ways_to_cut_out_are_compared_from_the_found_and_from_the_true_box():
     assert true["grabcut"] > 0.9 > true["box_minus_person"] > 0.6
     text = as_text(masks_layout(table.reset_index(), "toys"), width=200)
     assert "toys: object masks" in text and "chair, true box" in text
+
+
+@pytest.mark.parametrize(
+    ("known", "title"), [("toys,test,", "toys (test): object masks"), ("", "mine: object masks")]
+)
+def test_the_table_of_masks_prints_whoever_wrote_it(tmp_path, capsys, known, title):
+    columns = "category,box,n,plain_grabcut,stage"
+    path = tmp_path / "mine" / "masks.csv"
+    path.parent.mkdir()
+    path.write_text(
+        f"{'dataset,split,' if known else ''}{columns}\n{known}all,found box,3,0.59,0.828\n"
+    )
+    assert show.main([str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].strip() == title
+    (row,) = [line.split() for line in lines if "found box" in line]
+    assert row == ["all,", "found", "box", "3", "0.590", "0.828"]
 
 
 def test_no_masks_make_an_empty_table():

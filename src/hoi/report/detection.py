@@ -60,14 +60,21 @@ def detection_layout(table: pd.DataFrame) -> LaidOutTable:
     )
 
 
+def is_masks_table(table: pd.DataFrame) -> bool:
+    """Whether the columns are those of ``results/masks.csv``, data set and split or not."""
+    return {"category", "box", "n", "plain_grabcut"} <= set(table.columns)
+
+
 def masks_layout(table: pd.DataFrame, dataset: str) -> LaidOutTable:
     """Mean IoU of each way to cut out the object, per category and kind of box.
 
     Args:
-        table: of :func:`hoi.detect.mask_methods.mask_table`.
+        table: of :func:`hoi.detect.mask_methods.mask_table`; data set and split are left out.
         dataset: its name, for the title.
     """
-    methods = [name for name in table.columns if name not in ("category", "box", "n")]
+    methods = [
+        name for name in table.columns if name not in ("dataset", "split", "category", "box", "n")
+    ]
     records = table.to_dict("records")
     rows = tuple(
         (

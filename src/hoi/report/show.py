@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import pandas as pd
 
 from hoi.errors import ArtifactError, HoiError
 from hoi.report.actions import actions_layout, is_actions_table
-from hoi.report.detection import detection_layout, is_detection_table
+from hoi.report.detection import (
+    detection_layout,
+    is_detection_table,
+    is_masks_table,
+    masks_layout,
+)
 from hoi.report.photos import is_photos_table, photos_layout
 from hoi.report.tables import LaidOutTable, ablation_layout, as_text, layout, read_results
 
@@ -42,6 +48,11 @@ def tables_of(path: str) -> tuple[LaidOutTable, ...]:
         return (actions_layout(raw),)
     if is_photos_table(raw):
         return (photos_layout(raw),)
+    if is_masks_table(raw):
+        known = {"dataset", "split"} <= set(raw.columns)  # by the workflow, not by `hoi detection`
+        folder = Path(path).resolve().parent.name
+        name = f"{raw['dataset'][0]} ({raw['split'][0]})" if known else folder
+        return (masks_layout(raw, name),)
     make = ablation_layout if "ablation" in path else layout
     return make(read_results(path), detail=True)
 
