@@ -303,6 +303,17 @@ def test_the_table_of_photos_prints_with_its_reasons(tmp_path, capsys):
     assert "0 of 1 reconstructed" in printed and "a.jpg: cut off." in printed
 
 
+def test_what_a_stage_left_out_does_not_hide_a_doubt(tmp_path, capsys):
+    told = dict.fromkeys(COLUMNS, "") | {"photo": "a.jpg", "status": "ok"}
+    told |= {"detail": "no part is called lid", "doubts": "only 9 of 21 keypoints are seen"}
+    path = tmp_path / "photos.csv"
+    pd.DataFrame([told]).to_csv(path, index=False)
+    assert show.main([str(path)]) == 0
+    printed = capsys.readouterr().out
+    assert "a.jpg: no part is called lid." in printed
+    assert "a.jpg: doubtful: only 9 of 21 keypoints are seen." in printed
+
+
 def test_a_file_that_is_no_table_of_ours_is_refused(tmp_path, capsys):
     (tmp_path / "x.csv").write_text("a,b\n1,2\n")
     assert show.main([str(tmp_path / "x.csv")]) == 1

@@ -10,8 +10,10 @@ import pandas as pd
 
 from hoi.artifacts import OK, Detection, Frame
 from hoi.detect.boxes import longer_side, mask_box, overlap
+from hoi.detect.choice import CHOSEN
 from hoi.detect.config import DetectConfig
 from hoi.detect.counts import CORRECT_IOU, detection_counts, labelled_box
+from hoi.detect.labels import PERSON
 from hoi.detect.oks import keypoint_similarity
 
 ALL = "all"
@@ -70,7 +72,7 @@ def frame_agreement(frame: Frame, found: Detection, config: DetectConfig) -> dic
     row: dict[str, object] = {
         "category": frame.category,
         "status": found.status,
-        "person": any(c.label == "person" and c.verdict == "chosen" for c in found.candidates),
+        "person": any(c.label == PERSON and c.verdict == CHOSEN for c in found.candidates),
         "box_right": False,
         "mask_right": False,
         "person_iou": np.nan,

@@ -92,7 +92,7 @@ class BlazePose:
         shape = image.shape[:2]
         readings = [self._read(image, crop, intrinsics) for crop in self._first_crops(image, box)]
         unseen = max(reading.score for reading in readings) < self.config.minimum_score
-        if unseen or _cut_off(box, shape, self.config.cut_margin):
+        if unseen or _at_border(box, shape, self.config.cut_margin):
             wide = [self._read(image, crop, intrinsics) for crop in self._wide_crops(box)]
             least = self.config.minimum_inside
             readings += [reading for reading in wide if self._inside(reading, box, shape) >= least]
@@ -286,7 +286,7 @@ def _between_centres(homography: np.ndarray) -> np.ndarray:
     return _shift(-0.5, -0.5) @ homography @ _shift(0.5, 0.5)
 
 
-def _cut_off(box: Box, shape: tuple[int, ...], margin: float) -> bool:
+def _at_border(box: Box, shape: tuple[int, ...], margin: float) -> bool:
     """Whether the box reaches the border of the picture."""
     near = margin * longer_side(box)
     height, width = shape

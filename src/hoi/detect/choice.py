@@ -33,7 +33,7 @@ from hoi.detect.backends import Box, DetectedBox, PersonPose
 from hoi.detect.boxes import area, gap, longer_side, overlap, shared_area, weight_inside
 from hoi.detect.config import DetectConfig
 from hoi.detect.evidence import Proposal
-from hoi.detect.labels import ANY_CATEGORY
+from hoi.detect.labels import ANY_CATEGORY, PERSON
 from hoi.detect.touching import (
     distance_m,
     expectation,
@@ -85,6 +85,12 @@ class _Rating:
     value: float
     verdict: str  # why the proposal is out, empty when it is not
     reason: str
+
+
+def chosen_object(candidates: Sequence[Candidate]) -> Candidate | None:
+    """The object among the candidates of a detection, if one was chosen."""
+    found = (c for c in candidates if c.verdict == CHOSEN and c.label != PERSON)
+    return next(found, None)
 
 
 def choose(

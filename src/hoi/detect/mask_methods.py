@@ -11,10 +11,9 @@ from hoi.artifacts import Detection, Frame
 from hoi.detect.agreement import ALL, mask_iou
 from hoi.detect.backends import Box, ObjectSegmenter, PersonPose
 from hoi.detect.boxes import mask_box, pixel_window
-from hoi.detect.choice import CHOSEN
+from hoi.detect.choice import chosen_object
 from hoi.detect.config import DetectConfig
 from hoi.detect.grabcut import plain_grabcut
-from hoi.detect.labels import PERSON
 
 #: Where the box comes from: the detectors chose it, or it is the labelled mask's own.
 FOUND, TRUE = "found box", "true box"
@@ -86,11 +85,11 @@ def compare_masks(
 
 def _chosen_box(found: Detection) -> Box | None:
     """The box that the detectors drew; ``object_box`` has become that of the mask."""
-    for item in found.candidates:
-        if item.verdict == CHOSEN and item.label != PERSON:
-            x0, y0, x1, y1 = (float(side) for side in item.box)
-            return x0, y0, x1, y1
-    return None
+    chosen = chosen_object(found.candidates)
+    if chosen is None:
+        return None
+    x0, y0, x1, y1 = (float(side) for side in chosen.box)
+    return x0, y0, x1, y1
 
 
 def mask_rows(rows: Iterable[dict[str, object]]) -> pd.DataFrame:

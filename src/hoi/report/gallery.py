@@ -103,8 +103,7 @@ def card_of(
 def _note(frame: Frame, detection: Detection | None, method: MethodView) -> str:
     """What came out of a photo: action, size, and what speaks against it."""
     joint = method.joint
-    sides = None if joint is None or not joint.ok else object_sides(joint)
-    if joint is None or sides is None:
+    if joint is None or (sides := object_sides(joint)) is None:
         return ""
     size = " × ".join(f"{side:.2f}" for side in sides)
     against = "; ".join(doubts(frame, detection, method.objects, joint))

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hoi.artifacts import Detection, Frame
-from hoi.detect.choice import CHOSEN
-from hoi.detect.labels import PERSON
+from hoi.detect.choice import chosen_object
 from hoi.report.config import ReportConfig
 from hoi.report.html import image_url, render, source
 from hoi.report.overlay import Panel, labelled_panel
@@ -41,8 +40,7 @@ def labelled_photo(
         value = agreement[key]
         return float(value) if isinstance(value, float) and np.isfinite(value) else 0.0
 
-    chosen = [c for c in found.candidates if c.verdict == CHOSEN and c.label != PERSON]
-    why = f"{chosen[0].label}: {chosen[0].reason}" if chosen else ""
+    chosen = chosen_object(found.candidates)
     return LabelledPhoto(
         frame.source,
         frame.category,
@@ -50,7 +48,7 @@ def labelled_photo(
         bool(agreement["box_right"] or agreement["mask_right"]),
         share("object_iou"),
         share("box_iou"),
-        why,
+        "" if chosen is None else f"{chosen.label}: {chosen.reason}",
     )
 
 

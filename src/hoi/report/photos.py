@@ -84,9 +84,10 @@ def photos_layout(table: pd.DataFrame) -> LaidOutTable:
         rows,
         None,
         tuple(
-            f"{row['photo']}: {told}."
+            f"{row['photo']}: {told}{row[key]}."
             for row in records
-            if (told := row["detail"] or (row["doubts"] and f"doubtful: {row['doubts']}"))
+            for key, told in (("detail", ""), ("doubts", "doubtful: "))
+            if row[key]
         ),
     )
 

@@ -49,10 +49,10 @@ def tables_of(path: str) -> tuple[LaidOutTable, ...]:
     if is_photos_table(raw):
         return (photos_layout(raw),)
     if is_masks_table(raw):
-        known = {"dataset", "split"} <= set(raw.columns)  # by the workflow, not by `hoi detection`
-        folder = Path(path).resolve().parent.name
-        name = f"{raw['dataset'][0]} ({raw['split'][0]})" if known else folder
-        return (masks_layout(raw, name),)
+        title = Path(path).resolve().parent.name
+        if {"dataset", "split"} <= set(raw.columns):  # the workflow's, not that of `hoi detection`
+            title = f"{raw['dataset'][0]} ({raw['split'][0]})"
+        return (masks_layout(raw, title),)
     make = ablation_layout if "ablation" in path else layout
     return make(read_results(path), detail=True)
 
