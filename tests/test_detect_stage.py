@@ -15,7 +15,6 @@ from hoi.detect.boxes import gap, grown, mask_box, overlap, overlaps, pixel_wind
 from hoi.detect.config import (
     EvidenceConfig,
     GrabCutConfig,
-    LooksConfig,
     ResegmentConfig,
     TouchConfig,
 )
@@ -26,7 +25,8 @@ from hoi.detect.grabcut import GrabCut, draw_skeleton
 from hoi.detect.labels import KNOWN, label_weights
 from hoi.detect.resegment import segment_again, solid_box
 from hoi.detect.stage import DetectionFailure, DetectStage
-from hoi.detect.touching import distance_m, expectation, held, touch_points
+from hoi.detect.strong.instances import whole_picture_only
+from hoi.detect.touching import between_hands, distance_m, expectation, held, touch_points
 from hoi.errors import AssetError, FrameFailure
 
 HEIGHT, WIDTH = 120, 160
@@ -280,11 +280,10 @@ def verdicts(*boxes, category="chair", pose=None, **changes):
     """The verdict on each box, all seen in one look at the whole picture."""
     config = REGISTRY.model_copy(update=changes)
     weights = label_weights(category, config.labels, config.secondary_weight)
+    config = whole_picture_only(config)  # no looks but one
     finder = PairFinder(config, {"eye": lambda image: list(boxes)}, pose)
-    # no looks but one
-    finder.config = config.model_copy(update={"looks": LooksConfig(around=(), around_small=())})
     image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
-    _, choice = finder(image, np.eye(3), category, weights, config=finder.config)
+    _, choice = finder(image, np.eye(3), category, weights)
     said = {(item.label, item.box): item.verdict for item in choice.candidates}
     return tuple(said.get((item.label, item.box), "merged") for item in boxes)
 
@@ -495,6 +494,32 @@ def test_overlaps_of_many_boxes_are_those_of_pairs():
     pairs = [[overlap(one, other) for other in second] for one in first]
     np.testing.assert_allclose(overlaps(first, second), pairs)
     assert overlaps(first[:1], first[:1]) == 0
+
+
+def test_detectors_look_again_at_the_hands_for_small_things():
+    person = box("person", 0.9, 60, 20, 90, 100)  # 80 pixels tall
+    columns, rows = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+    image = np.stack([columns, rows, rows], 2).astype(np.uint8)  # every pixel tells where it is
+
+    def looks(category, pose):
+        seen = []
+
+        def eye(part):
+            seen.append((*(part[..., :2].reshape(-1, 2).mean(0) + 0.5), len(part)))
+            return [person] if len(seen) == 1 else []
+
+        PairFinder(REGISTRY, {"eye": eye}, pose and (lambda *_: pose))(
+            image, np.eye(3), category, {category: 1.0}
+        )
+        return np.array(seen[1:])
+
+    pose, around = standing(), [75, 60, 120]  # the picture's whole height
+    expected = [around, *((*between_hands(pose), share * 80) for share in (0.45, 0.7))]
+    for small in ("keyboard", "cup"):
+        np.testing.assert_allclose(looks(small, pose), expected, atol=1.5)
+    np.testing.assert_allclose(looks("chair", pose)[0], around, atol=1.5)
+    for posed, thing in ((pose, "chair"), (None, "chair"), (None, "keyboard")):
+        assert len(looks(thing, posed)) == 2  # two sizes around the person
 
 
 def test_what_is_small_and_touched_by_hand_alone_is_held():

@@ -48,8 +48,9 @@ class LooksConfig(Settings):
     around_small: tuple[float, ...] = Field(
         default=(1.5,), description="The same for small things, which are looked for at the hands."
     )
-    hands: float | None = Field(
-        default=0.7, gt=0, description="Side of that square around the middle of both hands."
+    hands: tuple[float, ...] = Field(
+        default=(0.45, 0.7),
+        description="Sides of those squares, around the middle of both hands.",
     )
     small_m: float = Field(
         default=0.6, description="Categories whose longest things are no longer are small."

@@ -173,11 +173,11 @@ def _windows(
     centre = middle(person)
     known, looks = expectation(category), config.looks
     small = known is not None and known.longest_m <= looks.small_m
-    at_hands = small and pose is not None and looks.hands is not None
+    at_hands = between_hands(pose) if small and pose is not None and looks.hands else None
     windows = [
         (f"around person x{share:g}", square(centre, share * side))
-        for share in (looks.around_small if at_hands else looks.around)
+        for share in (looks.around if at_hands is None else looks.around_small)
     ]
-    if at_hands and pose is not None and looks.hands is not None:
-        windows.append(("at the hands", square(between_hands(pose), looks.hands * side)))
+    if at_hands is not None:
+        windows += [(f"at the hands x{s:g}", square(at_hands, s * side)) for s in looks.hands]
     return windows

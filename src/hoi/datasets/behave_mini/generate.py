@@ -132,7 +132,8 @@ def view_of(config: BehaveMiniConfig, ref: FrameRef, person: Person, thing: Thin
                 return View(pair, camera)
     raise HoiError(
         f"{ref.frame_id} could not be staged in {config.max_attempts} attempts; "
-        "raise max_attempts or relax the tolerances of behave_mini"
+        "raise max_attempts, relax the tolerances or choose another seed of behave_mini: some "
+        "bodies never fit some objects"
     )
 
 

@@ -120,5 +120,5 @@ def as_instances(
 
 def whole_picture_only(config: DetectConfig) -> DetectConfig:
     """Settings for a model that sees pictures at full size: one look will do, and no advice."""
-    looks = config.looks.model_copy(update={"around": (), "around_small": (), "hands": None})
+    looks = config.looks.model_copy(update={"around": (), "around_small": (), "hands": ()})
     return config.model_copy(update={"looks": looks, "unused_weight": 1.0})
