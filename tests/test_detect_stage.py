@@ -520,6 +520,8 @@ def test_detectors_look_again_at_the_hands_for_small_things():
     np.testing.assert_allclose(looks("chair", pose)[0], around, atol=1.5)
     for posed, thing in ((pose, "chair"), (None, "chair"), (None, "keyboard")):
         assert len(looks(thing, posed)) == 2  # two sizes around the person
+    with pytest.raises(ValidationError, match="hands"):
+        DetectConfig(looks={"hands": (0.45, 0)})
 
 
 def test_what_is_small_and_touched_by_hand_alone_is_held():

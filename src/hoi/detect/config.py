@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, PositiveFloat, field_validator
 
 from hoi.detect.labels import ANY_CATEGORY, KNOWN, PERSON
 from hoi.settings import Settings
@@ -41,14 +41,14 @@ class SsdConfig(Settings):
 class LooksConfig(Settings):
     """Where the detectors look again: small networks lose small things in a large picture."""
 
-    around: tuple[float, ...] = Field(
+    around: tuple[PositiveFloat, ...] = Field(
         default=(1.5, 2.0),
         description="Sides of squares around the person / longer side of the person's box.",
     )
-    around_small: tuple[float, ...] = Field(
+    around_small: tuple[PositiveFloat, ...] = Field(
         default=(1.5,), description="The same for small things, which are looked for at the hands."
     )
-    hands: tuple[float, ...] = Field(
+    hands: tuple[PositiveFloat, ...] = Field(
         default=(0.45, 0.7),
         description="Sides of those squares, around the middle of both hands.",
     )
