@@ -15,7 +15,7 @@ import torch
 import yaml
 
 from hoi.detect.backends import DetectedBox
-from hoi.detect.boxes import mask_box
+from hoi.detect.boxes import mask_box, overlap
 from hoi.errors import AssetError
 from hoi.segmenter.config import SceneConfig, TrainConfig
 from hoi.segmenter.crops import SIDE
@@ -32,10 +32,11 @@ from hoi.segmenter.pictures import (
     picture_names,
     save_picture,
 )
-from hoi.segmenter.runtime import MaskNetwork
-from hoi.segmenter.samples import SampleSet
+from hoi.segmenter.restoring import calibrate, restored
+from hoi.segmenter.runtime import DEFAULT_WEIGHTS, MaskNetwork
+from hoi.segmenter.samples import SampleSet, poor_box
 from hoi.segmenter.scenes import Composer, Instance
-from hoi.segmenter.training import mask_loss, phases, read_weights, train
+from hoi.segmenter.training import mask_loss, phases, read_weights, start_network, train
 from segmenter_packs import write_packs
 
 REPO = Path(__file__).parents[1]
@@ -259,13 +260,24 @@ def test_some_boxes_are_those_of_a_detector(pictures, tmp_path):
     owner = np.zeros_like(stored.owner)
     owner[30:70, 30:70] = 1
     drawn = (30.0, 30.0, 95.0, 70.0)  # none that is only jittered is as loose
-    picture = replace(stored, owner=owner, instances=[Instance(1, "main", "chair", (drawn,))])
+    picture = replace(stored, owner=owner, instances=[Instance(1, "clutter", "chair", (drawn,))])
     save_picture(picture, tmp_path / "picture.npz", 95)
     samples = SampleSet([tmp_path / "picture.npz"])
     assert samples.samples[0].detected == (drawn,)
     prompts = samples.batch(0, 0, 60, 64).prompt[:, 0] > 0.5
     wide = [np.ptp(np.flatnonzero(p.any(0))) / np.ptp(np.flatnonzero(p.any(1))) for p in prompts]
     assert 0.25 < np.mean(np.array(wide) > 1.45) < 0.55
+
+
+def test_some_boxes_are_as_poor_as_those_of_a_detector_that_is_wrong():
+    rng = np.random.default_rng(0)
+    thing, person = (40.0, 50.0, 80.0, 90.0), (70.0, 10.0, 90.0, 95.0)
+    for people in (None, person):
+        boxes = [poor_box(rng, thing, people) for _ in range(300)]
+        overlaps = np.array([overlap(box, thing) for box in boxes])
+        assert ((overlaps >= 0.2) & (overlaps <= 0.65)).mean() > 0.9
+        reaches_up = np.mean([box[1] < 20 and box[0] > 30 for box in boxes])
+        assert reaches_up > 0.02 if people else reaches_up < 0.02
 
 
 def test_no_pictures_nothing_to_learn():
@@ -330,6 +342,46 @@ def test_training_learns_what_it_sees(samples, untrained, tmp_path):
             float(mask_loss(n.eval()(batch[0], batch[1])[0], batch[2])) for n in (fresh, trained)
         )
     assert after < 0.75 * before
+
+
+def test_shipped_weights_can_be_trained_on(samples, untrained, tmp_path):
+    torch.manual_seed(3)
+    original = SegmentationNetwork()
+    for module in original.modules():  # batch norms that have something to fold
+        if isinstance(module, torch.nn.BatchNorm2d):
+            torch.nn.init.normal_(module.running_mean, 0, 0.1)
+            torch.nn.init.uniform_(module.running_var, 0.5, 2)
+            torch.nn.init.normal_(module.bias, 0, 0.1)
+    original.eval()
+    write_weights(original, tmp_path / "weights.onnx.gz")
+    batch = samples.batch(0, 0, 8, SIDE, 0.25)
+    inputs = torch.from_numpy(batch.picture), torch.from_numpy(batch.prompt)
+    network = restored(tmp_path / "weights.onnx.gz")
+    with torch.no_grad():
+        expected = original(*inputs)[0]
+        scale = expected.abs().max()
+        assert (network(*inputs)[0] - expected).abs().max() < 0.01 * scale  # half precision
+        expected = network(*inputs)[0]
+        calibrate(network, [inputs])
+        assert (network(*inputs)[0] - expected).abs().max() < 1e-4 * scale
+        calibrate(network, [inputs])  # nothing more to do
+        assert (network(*inputs)[0] - expected).abs().max() < 1e-4 * scale
+        # training normalises by the batch, whose statistics these now are
+        assert (network.train()(*inputs)[0] - expected).abs().max() < 0.02 * scale
+
+
+def test_a_training_starts_from_shipped_weights(samples, untrained, tmp_path):
+    config = TRAIN.model_copy(update={"init": str(DEFAULT_WEIGHTS), "side": 64, "whole_steps": 1})
+    before = start_network(config, tmp_path, samples, 0).state_dict()
+    after = train(samples, config, 0, tmp_path, tmp_path / "network.pt").state_dict()
+    name = "backbone.convs.0.weight"
+    assert torch.equal(before[name], after[name]) and before[name].abs().max() > 0.01
+
+
+def test_another_network_is_not_restored(tmp_path):
+    (tmp_path / "weights.onnx.gz").write_bytes(b"no")
+    with pytest.raises(AssetError, match="weights"):
+        restored(tmp_path / "weights.onnx.gz")
 
 
 def test_a_file_that_is_no_detector_is_named(tmp_path):

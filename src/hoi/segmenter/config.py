@@ -51,7 +51,9 @@ class TrainConfig(Settings):
     """Two phases of AdamW: the decoder alone, then the backbone from stride 8 on as well."""
 
     init: str | None = Field(
-        default=None, description="checkpoint to go on from, instead of the detector's weights"
+        default=None,
+        description="checkpoint, or shipped weights (.onnx.gz), to go on from, instead of the "
+        "detector's weights",
     )
     decoder_steps: int = Field(default=600, ge=0)
     whole_steps: int = Field(default=2600, ge=0)
@@ -60,7 +62,7 @@ class TrainConfig(Settings):
         default=0.35, ge=0, lt=1, description="crops of a person and what they use, without a box"
     )
     side: int = Field(default=192, ge=64, multiple_of=32, description="pixels of a crop at first")
-    late_side: int = Field(default=256, ge=64, multiple_of=32, description="and in the second half")
+    late_side: int = Field(default=320, ge=64, multiple_of=32, description="and in the second half")
     rate: float = Field(default=2e-3, gt=0, description="of learning, decoder")
     whole_rate: float = Field(default=1e-3, gt=0, description="of the decoder in the second phase")
     backbone_share: float = Field(default=0.1, ge=0, description="of that rate, for the backbone")

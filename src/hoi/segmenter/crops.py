@@ -10,7 +10,7 @@ import numpy as np
 from hoi.detect.backends import Box
 from hoi.detect.boxes import longer_side, middle, square
 
-SIDE = 256  # pixels of the network's square input
+SIDE = 320  # pixels of the network's square input
 MARGIN = 1.5  # side of the crop / longer side of the box
 USED_MARGIN = 1.6  # the same around a person, where the thing in use is looked for
 HANDS_SHARE = 0.55  # side of the square around the hands / longer side of the person's box

@@ -19,7 +19,7 @@ import numpy as np
 
 from hoi.datasets.behave_mini.seeding import generator
 from hoi.detect.backends import Box
-from hoi.detect.boxes import longer_side, mask_box, middle, square
+from hoi.detect.boxes import longer_side, mask_box, middle, overlap, square
 from hoi.errors import AssetError
 from hoi.segmenter.crops import (
     box_crop,
@@ -34,7 +34,9 @@ from hoi.segmenter.photos import free_photos, photographed
 from hoi.segmenter.pictures import Picture, load_picture
 
 _CLUTTER_WEIGHT = 0.3  # of a thing that nobody uses, against the main object's 1
-_DETECTED = 0.4  # of the boxes shown, those of a detector, where it drew one
+_POOR = 0.12  # of the boxes of things in use, those that show a part, or too much
+_POOR_OVERLAPS = (0.2, 0.65)  # IoU of such a box with the thing's own
+_DETECTED = 0.4  # of the other boxes shown, those of a detector, where it drew one
 _USED_WITHIN = 0.03  # gap / longer side of the person's box, for a thing in use
 _USED_MARGINS = (1.3, 2.0)  # side of the crop / longer side of the person's box
 _HELD = 0.4  # longer side / that of the person's box, up to which a thing is looked at closely
@@ -118,7 +120,7 @@ class SampleSet:
 
     def _crop(self, rng: np.random.Generator, sample: Sample, side: int):
         picture = self.pictures[sample.picture]
-        box = _prompted(rng, sample)
+        box = _prompted(rng, sample, picture)
         matrix = crop_matrix(box, side, rng.uniform(1.3, 1.8), **_moves(rng, box, 0.03))
         target = _target(picture, sample.number, matrix, side)
         person = _person_prompt(rng, picture, matrix, target, side, rng.random())
@@ -147,11 +149,52 @@ class SampleSet:
         return _shown(rng, picture, matrix, side), prompt, person, target
 
 
-def _prompted(rng: np.random.Generator, sample: Sample) -> Box:
-    """A detector's own box, or one as loose as that."""
+def _prompted(rng: np.random.Generator, sample: Sample, picture: Picture) -> Box:
+    """A detector's own box, or one as loose or, now and then, as poor as that."""
+    if sample.kind == "main" and rng.random() < _POOR:
+        return poor_box(rng, sample.box, _person_box(picture))
     if sample.detected and rng.random() < _DETECTED:
         return sample.detected[int(rng.integers(len(sample.detected)))]
     return _jittered(rng, sample.box)
+
+
+def poor_box(rng: np.random.Generator, box: Box, person: Box | None) -> Box:
+    """A box such as detectors draw when they are wrong: of a part, beside it, or of too much.
+
+    Args:
+        box: the thing's own.
+        person: that of the person, a part of whom the box may take in.
+    """
+    tight = np.array(box)
+    across, down = tight[2:] - tight[:2]
+    sides = np.array([across, down, across, down])
+    outwards = np.array([-1, -1, 1, 1])
+    for _ in range(8):
+        kind = rng.random()
+        if kind < 0.45:  # a part
+            kept = rng.uniform(0.3, 1.0, 2)
+            first = tight[:2] + rng.integers(0, 2, 2) * (1 - kept) * sides[:2]
+            drawn = np.concatenate([first, first + kept * sides[:2]])
+        elif kind < 0.7:  # moved, and of another size
+            centre = (tight[:2] + tight[2:]) / 2 + rng.normal(0, 0.25, 2) * sides[:2]
+            half = sides[:2] * np.exp(rng.normal(0, 0.3, 2)) / 2
+            drawn = np.concatenate([centre - half, centre + half])
+        elif person is not None:  # with a part of the person
+            reached = tight + rng.uniform(0.2, 1.0) * (np.array(person) - tight)
+            drawn = np.where(outwards < 0, np.minimum(tight, reached), np.maximum(tight, reached))
+        else:  # too large
+            drawn = tight + outwards * rng.uniform(0, 0.6, 4) * sides
+        x0, y0, x1, y1 = drawn.tolist()
+        loose = _jittered(rng, (x0, y0, x1, y1))
+        if _POOR_OVERLAPS[0] <= overlap(loose, box) <= _POOR_OVERLAPS[1]:
+            return loose
+    return _jittered(rng, box)
+
+
+def _person_box(picture: Picture) -> Box | None:
+    number = picture.number_of("person")
+    mask = picture.owner == number
+    return mask_box(mask) if number and mask.any() else None
 
 
 def _jittered(rng: np.random.Generator, box: Box) -> Box:

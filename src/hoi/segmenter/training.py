@@ -24,11 +24,13 @@ from torch.nn import functional as F
 from hoi.errors import AssetError
 from hoi.segmenter.config import TrainConfig
 from hoi.segmenter.network import SegmentationNetwork, load_backbone
+from hoi.segmenter.restoring import SUFFIX, calibrate, restored
 from hoi.segmenter.samples import Batch, SampleSet
 
 log = logging.getLogger(__name__)
 _COARSE_WEIGHT = 0.4
 _QUEUED = 4  # batches made ahead
+_CALIBRATION_BATCHES = 12  # for the batch norms of weights that ship
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ def train(
     torch.manual_seed(seed)
     identity = {"config": config.model_dump(mode="json", exclude={"device", "workers"})}
     identity |= {"seed": seed, "samples": len(samples.samples)}
-    network = start_network(config, nanodet).to(device)
+    network = start_network(config, nanodet, samples, seed).to(device)
     network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     average = copy.deepcopy(network).eval().requires_grad_(False)
     state = _read(checkpoint, identity, device)
@@ -139,10 +141,22 @@ def train(
     return average.cpu()
 
 
-def start_network(config: TrainConfig, nanodet: Path) -> SegmentationNetwork:
+def start_network(
+    config: TrainConfig, nanodet: Path, samples: SampleSet, seed: int
+) -> SegmentationNetwork:
     """An untrained decoder on the detector's backbone, or the network of `config.init`."""
     if config.init is None:
         return SegmentationNetwork(load_backbone(nanodet))
+    if config.init.endswith(SUFFIX):
+        network = restored(config.init)
+        typical = (
+            samples.batch(seed + 1, step, config.batch, config.side, config.used_share)
+            for step in range(_CALIBRATION_BATCHES)
+        )
+        calibrate(
+            network, ((torch.from_numpy(b.picture), torch.from_numpy(b.prompt)) for b in typical)
+        )
+        return network
     network = SegmentationNetwork()
     network.load_state_dict(read_weights(Path(config.init)))
     return network
