@@ -9,10 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pandas as pd
 import pytest
 import torch
 import yaml
+from onnx import helper
 
 from hoi.detect.backends import DetectedBox
 from hoi.detect.boxes import mask_box, overlap
@@ -21,6 +23,7 @@ from hoi.segmenter.config import SceneConfig, TrainConfig
 from hoi.segmenter.crops import SIDE
 from hoi.segmenter.evaluation import METHODS, summary
 from hoi.segmenter.export import write_weights
+from hoi.segmenter.files import halved, load_model
 from hoi.segmenter.meshes import MeshStore, build_store, fetch_packs
 from hoi.segmenter.network import SegmentationNetwork, load_backbone
 from hoi.segmenter.onlookers import Seen, detected_around, fitting_boxes
@@ -379,9 +382,21 @@ def test_a_training_starts_from_shipped_weights(samples, untrained, tmp_path):
 
 
 def test_another_network_is_not_restored(tmp_path):
-    (tmp_path / "weights.onnx.gz").write_bytes(b"no")
+    path = tmp_path / "weights.onnx.gz"
+    path.write_bytes(b"no")
     with pytest.raises(AssetError, match="weights"):
-        restored(tmp_path / "weights.onnx.gz")
+        restored(path)
+    model = onnx.load_from_string(load_model(DEFAULT_WEIGHTS))
+    layers = [node for node in model.graph.node if node.op_type == "Conv"]
+    spare = layers[3].input.pop()  # a layer without its bias
+    path.write_bytes(halved(model))
+    with pytest.raises(AssetError, match="not the layer"):
+        restored(path)
+    layers[3].input.append(spare)
+    model.graph.node.append(helper.make_node("Conv", list(layers[3].input), ["more"]))
+    path.write_bytes(halved(model))
+    with pytest.raises(AssetError, match="layers, this version"):
+        restored(path)
 
 
 def test_a_file_that_is_no_detector_is_named(tmp_path):

@@ -37,12 +37,14 @@ def restored(path: Path | str) -> SegmentationNetwork:
     modules = _in_order(network)
     norms = _followed_by_norms(network)
     if len(layers) != len(modules):
-        raise AssetError(f"{path} holds a network of other layers than this version's")
+        raise AssetError(f"{path}: {len(layers)} layers, this version's network has {len(modules)}")
     with torch.no_grad():
         for layer, module in zip(layers, modules, strict=True):
-            weight, bias = (stored[name] for name in layer.input[1:3])
-            if weight.shape != module.weight.shape:
-                raise AssetError(f"{path}: {layer.name} has the shape {tuple(weight.shape)}")
+            held = [stored[name] for name in layer.input[1:3] if name in stored]
+            shapes = [value.shape for value in held]
+            if shapes != [module.weight.shape, module.weight.shape[:1]]:
+                raise AssetError(f"{path}: {layer.name} is not the layer of this version's network")
+            weight, bias = held
             module.weight.copy_(weight)
             if module in norms:
                 norm = norms[module]
