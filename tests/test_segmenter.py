@@ -251,7 +251,7 @@ def test_without_a_box_it_finds_what_the_person_uses(network):
             window = used_window(mask_box(person), main.shape)
             found = network.in_use(picture.image, window, seen, float(extent)) > 0.5
             scores[file.stem] = overlap(found, main)
-    assert scores and np.mean(list(scores.values())) > 0.3, scores
+    assert scores and np.mean(list(scores.values())) > 0.38, scores
 
 
 def test_on_held_out_renders_it_is_far_better_than_colour_alone(network):

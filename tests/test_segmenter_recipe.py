@@ -365,9 +365,9 @@ def test_shipped_weights_can_be_trained_on(samples, untrained, tmp_path):
         scale = expected.abs().max()
         assert (network(*inputs)[0] - expected).abs().max() < 0.01 * scale  # half precision
         expected = network(*inputs)[0]
-        calibrate(network, [inputs])
+        calibrate(network, [batch])
         assert (network(*inputs)[0] - expected).abs().max() < 1e-4 * scale
-        calibrate(network, [inputs])  # nothing more to do
+        calibrate(network, [batch])  # nothing more to do
         assert (network(*inputs)[0] - expected).abs().max() < 1e-4 * scale
         # training normalises by the batch, whose statistics these now are
         assert (network.train()(*inputs)[0] - expected).abs().max() < 0.02 * scale

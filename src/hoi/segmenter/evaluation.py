@@ -125,10 +125,7 @@ def evaluate(files: Iterable[Path], evaluator: Evaluator) -> pd.DataFrame:
 
 
 def _masks_of(picture: Picture) -> tuple[np.ndarray, np.ndarray]:
-    person = picture.number_of("person")
-    owner = picture.owner
-    nobody = np.zeros(owner.shape, bool)
-    return owner == picture.number_of("main"), owner == person if person else nobody
+    return picture.mask_of("main"), picture.mask_of("person")
 
 
 def summary(rows: pd.DataFrame) -> pd.DataFrame:

@@ -53,6 +53,11 @@ class Picture:
         """The first instance of a kind; 0 when there is none."""
         return next((item.number for item in self.instances if item.kind == kind), 0)
 
+    def mask_of(self, kind: str) -> np.ndarray:
+        """(S, S) bool: where that instance is seen; empty when there is none."""
+        number = self.number_of(kind)
+        return (self.owner == number) & (number > 0)
+
 
 def draw_picture(
     composer: Composer, config: SceneConfig, seed: int, name: str, look: Onlooker

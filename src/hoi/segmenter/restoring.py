@@ -17,9 +17,9 @@ from onnx import numpy_helper
 from torch import Tensor, nn
 
 from hoi.errors import AssetError
-from hoi.segmenter.crops import SIDE
 from hoi.segmenter.files import load_model
 from hoi.segmenter.network import SegmentationNetwork
+from hoi.segmenter.samples import Batch
 
 SUFFIX = ".onnx.gz"
 
@@ -56,12 +56,12 @@ def restored(path: Path | str) -> SegmentationNetwork:
     return network
 
 
-def calibrate(network: SegmentationNetwork, batches: Iterable[tuple[Tensor, Tensor]]) -> None:
+def calibrate(network: SegmentationNetwork, batches: Iterable[Batch]) -> None:
     """Give every batch norm the mean and variance of what it sees; the function stays the same.
 
     Args:
         network: a restored one, changed in place.
-        batches: picture (B, 3, S, S) and prompt (B, 2, S, S) of typical inputs.
+        batches: typical inputs.
     """
     norms = list(_followed_by_norms(network).values())
     sums = {norm: torch.zeros(3, norm.num_features, dtype=torch.float64) for norm in norms}
@@ -76,8 +76,8 @@ def calibrate(network: SegmentationNetwork, batches: Iterable[tuple[Tensor, Tens
     hooks = [norm.register_forward_hook(note) for norm in norms]
     network.eval()
     with torch.no_grad():
-        for picture, prompt in batches:
-            network(picture, prompt)
+        for batch in batches:
+            network(torch.from_numpy(batch.picture), torch.from_numpy(batch.prompt))
         for hook in hooks:
             hook.remove()
         for norm in norms:
@@ -104,7 +104,7 @@ def _in_order(network: SegmentationNetwork) -> list[nn.Conv2d | nn.Linear]:
     layers = [item for item in network.modules() if isinstance(item, nn.Conv2d | nn.Linear)]
     hooks = [layer.register_forward_hook(note) for layer in layers]
     with torch.no_grad():
-        network(torch.zeros(1, 3, SIDE, SIDE), torch.zeros(1, 2, SIDE, SIDE))
+        network(torch.zeros(1, 3, 64, 64), torch.zeros(1, 2, 64, 64))
     for hook in hooks:
         hook.remove()
     return order

@@ -152,7 +152,8 @@ class SampleSet:
 def _prompted(rng: np.random.Generator, sample: Sample, picture: Picture) -> Box:
     """A detector's own box, or one as loose or, now and then, as poor as that."""
     if sample.kind == "main" and rng.random() < _POOR:
-        return poor_box(rng, sample.box, _person_box(picture))
+        person = picture.mask_of("person")
+        return poor_box(rng, sample.box, mask_box(person) if person.any() else None)
     if sample.detected and rng.random() < _DETECTED:
         return sample.detected[int(rng.integers(len(sample.detected)))]
     return _jittered(rng, sample.box)
@@ -166,35 +167,28 @@ def poor_box(rng: np.random.Generator, box: Box, person: Box | None) -> Box:
         person: that of the person, a part of whom the box may take in.
     """
     tight = np.array(box)
-    across, down = tight[2:] - tight[:2]
-    sides = np.array([across, down, across, down])
+    size = tight[2:] - tight[:2]
     outwards = np.array([-1, -1, 1, 1])
     for _ in range(8):
         kind = rng.random()
         if kind < 0.45:  # a part
             kept = rng.uniform(0.3, 1.0, 2)
-            first = tight[:2] + rng.integers(0, 2, 2) * (1 - kept) * sides[:2]
-            drawn = np.concatenate([first, first + kept * sides[:2]])
+            first = tight[:2] + rng.integers(0, 2, 2) * (1 - kept) * size
+            drawn = np.concatenate([first, first + kept * size])
         elif kind < 0.7:  # moved, and of another size
-            centre = (tight[:2] + tight[2:]) / 2 + rng.normal(0, 0.25, 2) * sides[:2]
-            half = sides[:2] * np.exp(rng.normal(0, 0.3, 2)) / 2
+            centre = (tight[:2] + tight[2:]) / 2 + rng.normal(0, 0.25, 2) * size
+            half = size * np.exp(rng.normal(0, 0.3, 2)) / 2
             drawn = np.concatenate([centre - half, centre + half])
         elif person is not None:  # with a part of the person
             reached = tight + rng.uniform(0.2, 1.0) * (np.array(person) - tight)
             drawn = np.where(outwards < 0, np.minimum(tight, reached), np.maximum(tight, reached))
         else:  # too large
-            drawn = tight + outwards * rng.uniform(0, 0.6, 4) * sides
+            drawn = tight + outwards * rng.uniform(0, 0.6, 4) * np.tile(size, 2)
         x0, y0, x1, y1 = drawn.tolist()
         loose = _jittered(rng, (x0, y0, x1, y1))
         if _POOR_OVERLAPS[0] <= overlap(loose, box) <= _POOR_OVERLAPS[1]:
             return loose
     return _jittered(rng, box)
-
-
-def _person_box(picture: Picture) -> Box | None:
-    number = picture.number_of("person")
-    mask = picture.owner == number
-    return mask_box(mask) if number and mask.any() else None
 
 
 def _jittered(rng: np.random.Generator, box: Box) -> Box:
@@ -257,7 +251,7 @@ def _uses(pictures: list[Picture], samples: list[Sample]) -> list[Use]:
         picture = pictures[sample.picture]
         if sample.kind != "main" or not picture.person.any():
             continue
-        mask = picture.owner == picture.number_of("person")
+        mask = picture.mask_of("person")
         if not mask.any():
             continue
         person = mask_box(mask)

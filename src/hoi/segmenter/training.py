@@ -96,10 +96,14 @@ def train(
     torch.manual_seed(seed)
     identity = {"config": config.model_dump(mode="json", exclude={"device", "workers"})}
     identity |= {"seed": seed, "samples": len(samples.samples)}
-    network = start_network(config, nanodet, samples, seed).to(device)
+    state = _read(checkpoint, identity, device)
+    if state is None:
+        network = start_network(config, nanodet, samples, seed)
+    else:
+        network = SegmentationNetwork()  # filled below
+    network = network.to(device)
     network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     average = copy.deepcopy(network).eval().requires_grad_(False)
-    state = _read(checkpoint, identity, device)
     done = 0
     if state is not None:
         network.load_state_dict(state["network"])
@@ -149,13 +153,9 @@ def start_network(
         return SegmentationNetwork(load_backbone(nanodet))
     if config.init.endswith(SUFFIX):
         network = restored(config.init)
-        typical = (
-            samples.batch(seed + 1, step, config.batch, config.side, config.used_share)
-            for step in range(_CALIBRATION_BATCHES)
-        )
-        calibrate(
-            network, ((torch.from_numpy(b.picture), torch.from_numpy(b.prompt)) for b in typical)
-        )
+        steps = range(_CALIBRATION_BATCHES)
+        sizes = config.batch, config.side, config.used_share
+        calibrate(network, (samples.batch(seed + 1, step, *sizes) for step in steps))
         return network
     network = SegmentationNetwork()
     network.load_state_dict(read_weights(Path(config.init)))
